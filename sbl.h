@@ -2239,6 +2239,14 @@ static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
     sbl__cross(a, b, normal);
 }
 
+/* Gets point i of the R2 sequence, whose points are spread evenly over the unit square (Roberts 2018, "The Unreasonable
+   Effectiveness of Quasirandom Sequences"). */
+static void sbl__r2(int i, double out[2]) {
+    const double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
+    out[0] = x - floor(x);
+    out[1] = y - floor(y);
+}
+
 /* Scales v to unit length and returns 1. If the length of v is 0, infinite or NaN, returns 0 and leaves v unchanged. */
 static int sbl__normalize(double v[3]) {
     double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -2926,7 +2934,9 @@ typedef struct sbl__record {
 #define SBL__LOBE_LEAST 1e-3f          /* lower limit of the albedo by which light in a lobe is divided: that of a metal
                                           may be 0 in some colours */
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
+#define SBL__MIRROR 0.05f              /* surfaces of lower roughness are perfect mirrors */
 #define SBL__MIRROR_SEEN 0.08f         /* a mirror of lower roughness shows its pixels what is seen in it */
+#define SBL__MIRROR_DIFFUSE 0.02f      /* such a mirror has at most this diffuse albedo, which is not shown */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow if its surface is not matte, because the
                                           lobe also reflects where the albedo is 0 */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
@@ -2949,7 +2959,8 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
-    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR_SEEN)
+    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
+    X(MIRROR_DIFFUSE)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -3375,9 +3386,10 @@ enum {
     SBL__SPECULAR = 1 << 13,    /* some materials are not matte, see sbl_material.ior and metallic */
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
     SBL__NORMAL_MAPS = 1 << 15, /* some materials have a texture of normals */
-    SBL__FEATURES = 16,
-    SBL__GROUPS_SHIFT = 16,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
-    SBL__GROUPS = 15 << 16      /* mask of that number */
+    SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels follow are not perfect: samples blur them */
+    SBL__FEATURES = 17,
+    SBL__GROUPS_SHIFT = 17,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
+    SBL__GROUPS = 15 << 17      /* mask of that number */
 };
 
 #define SBL__SHADERS_MOST 15
@@ -3485,7 +3497,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE", "NORMAL_MAPS"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE", "NORMAL_MAPS", "MIRRORS_BLUR"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -5305,6 +5317,12 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
+/* Returns 1 if the material is a mirror that pixels follow, but not a perfect one. Takes textures as 1 everywhere. */
+static int sbl__material_blurs(const sbl_material *m) {
+    return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
+           (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
+}
+
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
@@ -5330,6 +5348,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
         features |= SBL__SPECULAR;
         if (m->specular_texture) features |= SBL__TEXTURED;
     }
+    if (sbl__material_blurs(m)) features |= SBL__MIRRORS_BLUR;
     if (sbl__lets_pass(o)) features |= SBL__SPECULAR | SBL__TEXTURED | SBL__CUTOUTS;
     if (m->alpha_cutoff > 0) features |= SBL__TEXTURED | SBL__CUTOUTS;
     if (m->normal_texture) features |= SBL__NORMAL_MAPS | SBL__TEXTURED;
@@ -5390,7 +5409,6 @@ static const char *const sbl__glsl_lobe[] = {
 "// Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.\n",
 "// alpha: the squared roughness\n",
 "#ifdef SBL_SPECULAR\n",
-"const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
 "const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
 "// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table\n",
 "const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,\n",
@@ -7717,7 +7735,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
-    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS);
+    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS | SBL__MIRRORS_BLUR);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++) {
         sbl_material m = materials[s->geometry.meshes[i].material];
@@ -9359,13 +9377,13 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
     }
 }
 
-/* Computes position number i of a sequence that is even over the square's rectangle, in x, and in y (R2, Roberts 2018).
+/* Computes position number i of a sequence that is even over the square's rectangle, in x, and in y (see sbl__r2).
    Returns the triangle there and the position's barycentric weights, or SBL__NONE if no triangle contains it. */
 static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
-    const double u[2] = { 0.5 + (i + 0.5) * 0.7548776662466927, 0.5 + (i + 0.5) * 0.5698402909980532 };
-    double at[2];
+    double u[2], at[2];
     int k, n;
-    for (k = 0; k < 2; k++) at[k] = s->low[k] + (u[k] - floor(u[k])) * (s->high[k] - s->low[k]);
+    sbl__r2(i, u);
+    for (k = 0; k < 2; k++) at[k] = s->low[k] + u[k] * (s->high[k] - s->low[k]);
     for (n = 0; n < s->count; n++) {
         const double away = sbl__atlas_nearest(&s->triangles[n], at, weights);
         if (away >= 0) continue;
@@ -9425,6 +9443,7 @@ typedef struct sbl__surface_job {
     const sbl__scene *scene;
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
+    int sample;                /* number of the anti-aliasing sample, from 0; -1: the pixels' centres */
     float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
     float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
     int bounced;               /* 1: also store R of bounced light, see gbuffer_fragment.glsl */
@@ -9747,9 +9766,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres\n",
+"uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored\n",
+"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // moves that point from turn to turn of sbl_follow; half the step of R2\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes\n",
-"const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown\n",
 "\n",
 "// What a pixel shows in mirrors and behind panes.\n",
 "struct sbl_Mirrored {\n",
@@ -9776,9 +9797,19 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
 "}\n",
 "\n",
-"// The direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.\n",
-"vec3 sbl_mirrored(sbl_Surface s, vec3 direction) {\n",
+"// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.\n",
+"// share: the share of light that is reflected. point: a point of the unit square. A mirror that blurs takes from its\n",
+"// lobe the direction, and the share, that belong to this point\n",
+"vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
+"#ifdef SBL_MIRRORS_BLUR\n",
+"    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;\n",
+"    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
+"        sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);\n",
+"        mirrored = sbl_lobe_sample(l, point, share);\n",
+"        share *= s.material.opacity;\n",
+"    }\n",
+"#endif\n",
 "    float below = dot(mirrored, s.geometric_normal);\n",
 "    if (below < SBL_GRAZING) mirrored += (SBL_GRAZING - below) * s.geometric_normal;\n",
 "    return normalize(mirrored);\n",
@@ -9797,15 +9828,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "\n",
 "// Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if\n",
 "// the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light\n",
-"// (what a pane mirrors, or what is behind a surface through which little light passes)\n",
-"sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, out sbl_Leaving aside, out bool pane) {\n",
+"// (what a pane mirrors, or what is behind a surface through which little light passes). point: see sbl_mirrored\n",
+"sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
 "    pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;\n",
 "    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
 "    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_share(s.material, cosine);\n",
 "    sbl_Leaving through = sbl_leaving(s, true, direction, passing);\n",
-"    sbl_Leaving mirrored = sbl_leaving(s, false, sbl_mirrored(s, direction), share);\n",
+"    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);\n",
+"    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);\n",
 "    aside = mirrored;\n",
 "    if (pane) return through;\n",
 "    aside = through;\n",
@@ -9823,7 +9855,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        bool is_aside = (turn & 1) == 0;\n",
 "        if (is_aside) {\n",
 "            bool pane;\n",
-"            next = sbl_leave_surface(s, m.direction, aside, pane);\n",
+"            vec2 point = fract(sample_point + float(turn) * SBL_TURN_STEP);\n",
+"            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
 "            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        }\n",
@@ -9956,7 +9989,8 @@ static const sbl__recipe sbl__recipe_gbuffer = {
       sbl__glsl_store, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record,
       &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR | SBL__NORMAL_MAPS
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR | SBL__NORMAL_MAPS |
+    SBL__MIRRORS_BLUR
 };
 
 /* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
@@ -10007,6 +10041,12 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     if (job->has_lobes) {
         sbl__hierarchy_bind(d, &job->scene->hierarchy);
         sbl__environment_bind(d, &job->scene->environment);
+    }
+    if (features & SBL__MIRRORS_BLUR) {
+        double point[2];
+        sbl__r2(SBL__MAX(job->sample, 0), point);
+        sbl__set_int(d, "draws_sample", job->sample >= 0);
+        sbl__set_vec2(d, "sample_point", (float)point[0], (float)point[1]);
     }
     sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
@@ -18481,12 +18521,13 @@ static const sbl__recipe sbl__recipe_resolve = {
       sbl__glsl_sky, sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY | SBL__SPECULAR
 };
 
-/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
-   "The Unreasonable Effectiveness of Quasirandom Sequences"). A single sample lies at the centre. */
+/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels. A single sample lies at the
+   centre. */
 static void sbl__sample_offset(int i, int count, float out[2]) {
-    double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
-    out[0] = count == 1 ? 0 : (float)(x - floor(x) - 0.5);
-    out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
+    double u[2];
+    sbl__r2(i, u);
+    out[0] = count == 1 ? 0 : (float)(u[0] - 0.5);
+    out[1] = count == 1 ? 0 : (float)(u[1] - 0.5);
 }
 
 /* One anti-aliasing sample, of all pixels. */
@@ -18500,6 +18541,7 @@ typedef struct sbl__resolve {
     const sbl__environment *environment;
     const sbl__camera *camera;
     int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
+    float offset[2];                       /* position of the sample relative to the pixel's centre, pixels */
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of what a screen shows */
     const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
@@ -18511,9 +18553,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     const int shown = r->tone != SBL_TONE_NONE;
     const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, features);
-    float offset[2];
     if (result != SBL_SUCCESS) return result;
-    sbl__sample_offset(r->index, r->count, offset);
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
     if (r->reflected) {
@@ -18538,8 +18578,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
         sbl__set_float(d, "height", (float)r->window->whole[1]);
     }
     sbl__environment_bind(d, r->environment);
-    sbl__camera_set(d, r->camera, offset, out);
-    sbl__set_vec2(d, "offset", offset[0], offset[1]);
+    sbl__camera_set(d, r->camera, r->offset, out);
+    sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
     sbl__set_int(d, "has_previous", r->index > 0);
     sbl__set_float(d, "share", 1.0f / (float)r->count);
     sbl__draw_screen(d);
@@ -19337,16 +19377,18 @@ static int sbl__map_after_prepare(void *work) {
     return SBL__MAP_SURFACE;
 }
 
-/* Draws a piece of a G-buffer. SBL_SUCCESS: it is complete. offset: from the pixel's centre to the sample, pixels */
-static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, const float offset[2], sbl__slice *slice) {
+/* Draws a piece of a G-buffer. SBL_SUCCESS: it is complete. sample, offset: see sbl__surface_job */
+static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int sample, const float offset[2],
+                                        sbl__slice *slice) {
     sbl__core *c = m->work.core;
     sbl__surface_job job;
     job.scene = &c->scene;
     job.camera = &m->camera;
     job.gbuffer = g;
+    job.sample = sample;
     memcpy(job.offset, offset, sizeof job.offset);
     job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced && g == &m->gbuffer;
+    job.bounced = m->spec.bounced && (sample < 0 || m->has_lobes);  /* panes mirror bounced light in all samples */
     job.has_lobes = m->has_lobes;
     job.atlas = m->atlas;
     return sbl__surface_step(&c->device, &m->surface, &job, slice);
@@ -19355,7 +19397,7 @@ static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, cons
 static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice);
+    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice);
     if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas);
     return result;
 }
@@ -19957,9 +19999,11 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_HIGHLIGHT 1.5  /* log2 of the greatest radiance that the mean highlight should be shown as */
 #define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
+#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples that blur what mirrors show */
+
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
-    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1. Its
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if `samples` is 1. Its
                                    texture of emission is also that of map.gbuffer.target */
     int sampled;                /* 1: that texture holds the emission of a sample; 0: of pixel centres */
     sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or
@@ -19967,6 +20011,7 @@ typedef struct sbl__picture {
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__reflections reflections;
     sbl__pace resolve_pace;
+    int samples;                /* number of anti-aliasing samples, see sbl__picture_samples */
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
     int meter[2][SBL__METER_BINS];  /* histograms of luminance, without black pixels: [0]: of R, [1]: of FINAL */
@@ -20020,13 +20065,26 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
+/* Returns the number of anti-aliasing samples: desc.samples, or more if samples blur what mirrors show. */
+static int sbl__picture_samples(const sbl__core *c, const sbl_picture_desc *d) {
+    const int blurs = sbl__reflections_needed(c, d) && c->scene.features & SBL__MIRRORS_BLUR;
+    return blurs ? SBL__MAX(d->samples, SBL__BLUR_SAMPLES) : d->samples;
+}
+
+/* Gets the position of the current sample relative to the pixel's centre, pixels. All samples lie at the centre if
+   desc.samples is 1. */
+static void sbl__picture_offset(const sbl__picture *p, float out[2]) {
+    const int one = p->map.desc.samples == 1;
+    sbl__sample_offset(p->resolved, one ? 1 : p->samples, out);
+}
+
 /* Adds what a picture has besides a map: the triangles and the depth of surfaces, and their lobes. What it needs late:
    the surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of what DEVELOP needs
    and of what samples need: sums and, except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
-    const double samples = d.samples > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
+    const double samples = sbl__picture_samples(c, &d) > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
     const int lobes = sbl__reflections_needed(c, &d);
     const double late = SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples);
     sbl__need need = sbl__map_need(c, &d, 8 + (lobes ? SBL__LOBES_BYTES : 0),
@@ -20040,6 +20098,7 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1);
     p->map.has_lobes = sbl__reflections_needed(p->map.work.core, &d);
+    p->samples = sbl__picture_samples(p->map.work.core, &d);
     if (p->map.has_lobes) p->map.channels[SBL_CHANNEL_SPECULAR_ALBEDO] = &p->map.gbuffer.target;
     p->map.work.core->stats.picture.exposure = d.exposure;
     sbl__picture_show(p, &p->preview);
@@ -20073,6 +20132,8 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     r.camera = &m->camera;
     r.index = index;
     r.count = count;
+    sbl__sample_offset(0, 1, r.offset);
+    if (count > 1) sbl__picture_offset(p, r.offset);
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, &r, out, rows);
@@ -20163,7 +20224,7 @@ static sbl_result sbl__picture_redraw(sbl__picture *p, sbl__slice *slice) {
     sbl__map *m = &p->map;
     sbl_result result;
     sbl__surface_restart(&m->surface);
-    do result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice); while (result == SBL_UNFINISHED);
+    do result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice); while (result == SBL_UNFINISHED);
     sbl__surface_restart(&m->surface);
     m->work.stages.stage = SBL__PICTURE_SAMPLE;
     m->work.stages.at = 0;
@@ -20240,7 +20301,7 @@ static int sbl__picture_after_develop(void *work) {
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
-    const int samples = m->desc.samples;
+    const int samples = p->samples;
     sbl_result result = SBL_SUCCESS;
     if (!m->work.stages.at && (m->watched || m->desc.auto_exposure)) result = sbl__picture_compose_preview(p, slice);
     if (result != SBL_SUCCESS) return result;
@@ -20258,22 +20319,22 @@ static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
 static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
-    if (p->map.desc.samples == 1) return SBL_SUCCESS;
+    if (p->samples == 1) return SBL_SUCCESS;
     p->sampled = 1;
-    sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
-    return sbl__map_draw_surface(&p->map, &p->sample, offset, slice);
+    sbl__picture_offset(p, offset);
+    return sbl__map_draw_surface(&p->map, &p->sample, p->resolved, offset, slice);
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
-    return sbl__picture_compose(p, p->resolved, p->map.desc.samples, &p->sums[1 - (p->resolved & 1)].target,
+    return sbl__picture_compose(p, p->resolved, p->samples, &p->sums[1 - (p->resolved & 1)].target,
                                 &p->map.work.stages.at, slice);
 }
 
 static int sbl__picture_after_resolve(void *work) {
     sbl__picture *p = (sbl__picture *)work;
-    p->map.finished = (float)++p->resolved / (float)p->map.desc.samples;
-    if (p->resolved < p->map.desc.samples) return SBL__PICTURE_SAMPLE;
+    p->map.finished = (float)++p->resolved / (float)p->samples;
+    if (p->resolved < p->samples) return SBL__PICTURE_SAMPLE;
     sbl__picture_show(p, &p->sums[p->resolved & 1]);
     return SBL__PICTURE_DONE;
 }
@@ -22737,7 +22798,7 @@ static void sbl__context_free(sbl_context *c) {
 }
 
 /* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
-   SBL__SPECULAR, SBL__LOBE or SBL__NORMAL_MAPS. */
+   SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS or SBL__MIRRORS_BLUR. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

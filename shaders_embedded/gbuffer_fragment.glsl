@@ -34,9 +34,11 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #endif
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
+uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored
+const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // moves that point from turn to turn of sbl_follow; half the step of R2
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
-const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown
 
 // What a pixel shows in mirrors and behind panes.
 struct sbl_Mirrored {
@@ -63,9 +65,19 @@ bool sbl_is_mirror(sbl_Material m) {
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
 }
 
-// The direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.
-vec3 sbl_mirrored(sbl_Surface s, vec3 direction) {
+// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.
+// share: the share of light that is reflected. point: a point of the unit square. A mirror that blurs takes from its
+// lobe the direction, and the share, that belong to this point
+vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
+#ifdef SBL_MIRRORS_BLUR
+    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;
+    for (int once = 0; once < (blurs ? 1 : 0); once++) {
+        sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);
+        mirrored = sbl_lobe_sample(l, point, share);
+        share *= s.material.opacity;
+    }
+#endif
     float below = dot(mirrored, s.geometric_normal);
     if (below < SBL_GRAZING) mirrored += (SBL_GRAZING - below) * s.geometric_normal;
     return normalize(mirrored);
@@ -84,15 +96,16 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 
 // Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if
 // the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light
-// (what a pane mirrors, or what is behind a surface through which little light passes)
-sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, out sbl_Leaving aside, out bool pane) {
+// (what a pane mirrors, or what is behind a surface through which little light passes). point: see sbl_mirrored
+sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
     pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;
     if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));
     if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_share(s.material, cosine);
     sbl_Leaving through = sbl_leaving(s, true, direction, passing);
-    sbl_Leaving mirrored = sbl_leaving(s, false, sbl_mirrored(s, direction), share);
+    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);
+    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);
     aside = mirrored;
     if (pane) return through;
     aside = through;
@@ -110,7 +123,8 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
         bool is_aside = (turn & 1) == 0;
         if (is_aside) {
             bool pane;
-            next = sbl_leave_surface(s, m.direction, aside, pane);
+            vec2 point = fract(sample_point + float(turn) * SBL_TURN_STEP);
+            next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
             if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
         }

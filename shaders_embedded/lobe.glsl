@@ -2,7 +2,6 @@
 // Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.
 // alpha: the squared roughness
 #ifdef SBL_SPECULAR
-const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
 const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
 // Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table
 const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,
