@@ -366,9 +366,11 @@
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
                   most 8 mirrors and panes. Mirrors are here surfaces of a roughness below 0.08 with a diffuse albedo of
-                  at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID then belong to the
-                  surface that is seen; DEPTH is negative if that surface lies behind the camera. The lobes of other
-                  smooth surfaces are measured by rays
+                  at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID belong to the surface
+                  that is seen; DEPTH is negative if that surface lies behind the camera. If a material (without its
+                  texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples
+                  per pixel, which blur what these mirrors show. They all lie at the pixel's centre if
+                  sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light, and so does what it mirrors: in SBL_MODE_DIRECT, the diffuse part
                   is black, and only lamps and the sky are mirrored. Roughness does not blur what a pane shows. Panes
@@ -392,7 +394,7 @@
    readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
-   pane 2.1 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
+   pane 1.7 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
    mean. On a software renderer, the box takes about four times as long as with matte materials, mostly because R is
    harder to measure where metal lights the walls, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
 
@@ -1290,7 +1292,8 @@ typedef struct sbl_picture_desc {
                                   seen. From twice this height on, shading normals are used; in between, a mixture.
                                   Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
-    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
+    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
+                                  see ON REFLECTIONS). Default: 1 / 4 / 16 */
     sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
     float exposure;            /* stops, -100 to 100: each doubles the radiance that `tone` maps. Default: 0 */
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
@@ -9768,7 +9771,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored\n",
-"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // moves that point from turn to turn of sbl_follow; half the step of R2\n",
+"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow moves that point by this from turn to turn\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes\n",
 "\n",
@@ -9797,9 +9800,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
 "}\n",
 "\n",
-"// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.\n",
-"// share: the share of light that is reflected. point: a point of the unit square. A mirror that blurs takes from its\n",
-"// lobe the direction, and the share, that belong to this point\n",
+"// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the\n",
+"// surface. If the mirror blurs, draws the direction from its lobe, and sets the share of light that is reflected.\n",
+"// point: the uniform point of the unit square that chooses the direction\n",
 "vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",

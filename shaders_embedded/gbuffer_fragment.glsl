@@ -36,7 +36,7 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored
-const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // moves that point from turn to turn of sbl_follow; half the step of R2
+const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow moves that point by this from turn to turn
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
 
@@ -65,9 +65,9 @@ bool sbl_is_mirror(sbl_Material m) {
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
 }
 
-// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.
-// share: the share of light that is reflected. point: a point of the unit square. A mirror that blurs takes from its
-// lobe the direction, and the share, that belong to this point
+// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the
+// surface. If the mirror blurs, draws the direction from its lobe, and sets the share of light that is reflected.
+// point: the uniform point of the unit square that chooses the direction
 vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR

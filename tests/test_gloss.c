@@ -492,6 +492,65 @@ TEST(mirrors_show_surfaces) {
     scene_free(&s);
 }
 
+/* A mirror that is not perfect shows the edge of a lamp as blurred as a quadrature of its lobe does, also if a pixel
+   has one anti-aliasing sample. */
+TEST(mirrors_blur_what_they_show) {
+    enum { WIDE = 32 };
+    test_scene s = { 0 };
+    const sbl_picture_desc view = view_of_plate(WIDE, 2, 0.25, 45, 64);
+    const double roughness = 0.07;
+    double off2 = 0, sharp2 = 0;
+    shot p;
+    int i, j;
+    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, roughness), 0, 1);
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), -1.3f, 1.5f, 0, -1.3f, 1.5f, 0.4f, -1.5f, 1.3f, 0.4f, -1.5f, 1.3f, 0);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < WIDE; i++) {
+        const double eye = 4 * sqrt(0.5), shown = (double)at(&p, SBL_CHANNEL_FINAL, i, 0)[0];
+        double way[3], v[3], corners[4][3], wanted, sharp, across;
+        look(&view, i, 0, way);
+        across = eye * way[2] / -way[1] + way[2] * 1.4 / -way[1];  /* where a sharp mirror would show the lamp */
+        set3(v, -way[0], -way[2], -way[1]);
+        for (j = 0; j < 4; j++)  /* from the point of the mirror that the pixel shows; z is up here */
+            set3(corners[j], (j < 2 ? -1.3 : -1.5) - (eye - eye * way[0] / way[1]),
+                 (j == 1 || j == 2 ? 0.4 : 0) + eye * way[2] / way[1], j < 2 ? 1.5 : 1.3);
+        wanted = lobe_highlight(v, corners, roughness, 1);
+        sharp = across > 0 && across < 0.4;
+        off2 += (shown - wanted) * (shown - wanted) / WIDE;
+        sharp2 += (sharp - wanted) * (sharp - wanted) / WIDE;
+    }
+    printf("    error %.4f of the lamp's radiance; that of a sharp edge would be %.4f\n", sqrt(off2), sqrt(sharp2));
+    CHECK(sqrt(off2) < 0.03 && sqrt(sharp2) > 0.06, "the blurred edge is off by %.4f", sqrt(off2));
+    forget(&p);
+    scene_free(&s);
+}
+
+/* In a closed room in which all has the radiance 1, half of it reflected, a pane seen at a slant has it, too, in
+   pictures of one and of several anti-aliasing samples: what the pane mirrors includes the light that walls reflect. */
+TEST(panes_mirror_bounced_light) {
+    enum { SIDE = 16 };
+    int samples, i;
+    for (samples = 1; samples <= 3; samples += 2) {
+        test_scene s = { 0 };
+        const int walls = scene_material(&s, 0.5f, 0.5f, 0.5f), pane = scene_pane(&s, 1, 1, 1, 1);
+        sbl_picture_desc view = scene_view(SIDE, SIDE, 6, 2.9f, 0.75f, 0, 0, 0, 0);  /* Fresnel's term is 0.24 */
+        double mean = 0;
+        shot p;
+        for (i = 0; i < 3; i++) s.materials[walls].emission[i] = 0.5f;
+        scene_box(&s, walls, -3, -3, -3, 3, 3, 3);
+        scene_floor(&s, pane, 0, 1);
+        view.options.mode = SBL_MODE_GI;
+        view.samples = samples;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++)
+            mean += (double)at(&p, SBL_CHANNEL_FINAL, i % SIDE, i / SIDE)[1] / SIDE / SIDE;
+        printf("    %d samples: %.4f\n", samples, mean);
+        CHECK(fabs(mean - 1) < 0.01, "%d samples: the pane has the radiance %.4f instead of 1", samples, mean);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* >>lamps in lobes */
 
 /* The surfaces of the tests of highlights: metal (even) and plastic, each of three roughnesses */
@@ -1513,6 +1572,8 @@ int main(void) {
     RUN_UNSANITIZED(pixels_average_normals);
     RUN_UNSANITIZED(mirrors_show_lamps);
     RUN_UNSANITIZED(mirrors_show_surfaces);
+    RUN_UNSANITIZED(mirrors_blur_what_they_show);
+    RUN_UNSANITIZED(panes_mirror_bounced_light);
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
     RUN_UNSANITIZED(highlights_of_the_sky);
