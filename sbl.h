@@ -1405,10 +1405,10 @@ typedef struct sbl_stats {
         double scene;             /* time that sbl_set_scene took */
         double surface;           /* time before the first sensor: hierarchy, lamps, and the G-buffer */
         double bounce;            /* time spent on the store of bounced light */
-        double gather;            /* time spent on sensors */
+        double gather;            /* time spent on sensors, also on those of reflections */
         double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
-        double resolve;           /* time spent on reflections, previews, anti-aliasing, gutters and seams */
+        double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
         double total;             /* time since the work was begun, as far as it was spent in sbl.h */
     } seconds;
 } sbl_stats;
@@ -20342,6 +20342,13 @@ static int sbl__picture_after_resolve(void *work) {
     return SBL__PICTURE_DONE;
 }
 
+static double *sbl__picture_seconds(const void *work) {
+    const sbl__picture *p = (const sbl__picture *)work;
+    sbl_stats *stats = &p->map.work.core->stats;
+    if (p->map.work.stages.stage != SBL__PICTURE_REFLECT) return sbl__map_seconds(work);
+    return sbl__refine_is_sensing(&p->reflections.refine) ? &stats->seconds.gather : &stats->seconds.refine;
+}
+
 static const sbl__stage_row sbl__picture_stages[] = {
     SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
     { sbl__picture_lobes, sbl__picture_after_lobes, NULL, NULL },
@@ -20353,7 +20360,7 @@ static const sbl__stage_row sbl__picture_stages[] = {
 };
 static const sbl__front_end sbl__picture_front_end = {
     "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_need, sbl__picture_begin, sbl__picture_stages,
-    SBL__PICTURE_DONE, sbl__map_seconds, sbl__map_progress, sbl__picture_free
+    SBL__PICTURE_DONE, sbl__picture_seconds, sbl__map_progress, sbl__picture_free
 };
 
 /* ======================================================================================================== >>lightmap
