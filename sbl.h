@@ -5380,8 +5380,9 @@ static void sbl__share_pack(const float share[3], uint16_t out[3]) {
 /* Adds SBL__SHARE_ONE * (the radiance that a surface reflects) to sum. share: the surface's albedo, packed by
    sbl__share_pack. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
-    int k;
-    for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
+    sum[0] += (float)share[0] * light[0];  /* no loop: compilers then keep the sums of callers' loops in registers */
+    sum[1] += (float)share[1] * light[1];
+    sum[2] += (float)share[2] * light[2];
 }
 
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
@@ -13771,14 +13772,23 @@ typedef struct sbl__bounce_point {
     float light[3], shine[3];
 } sbl__bounce_point;
 
+/* What a valid point's ray reads in each round of the iteration: the light of a leaf, and the share that is reflected,
+   see sbl__share_pack. Rays that read nothing are left out. */
+typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
+
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
    at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: 1: since all
-   hits were last queued, a cut has taken a part of the leaf */
-typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; int cut; } sbl__bounce_leaf;
+   hits were last queued, a cut has taken a part of the leaf; read_end: index after that of its last read, whose reads
+   follow those of the leaf before it */
+typedef struct sbl__bounce_leaf {
+    int points, most, first, valid, bright;
+    float share;
+    int cut, read_end;
+} sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
@@ -13841,6 +13851,7 @@ typedef struct sbl__bounce {
                                         place waits any more, so all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again; see
                                         sbl__bounce_queue_again */
+    sbl__bounce_read *reads;         /* of all leaves; made again when a leaf or point has changed its light or state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -14777,28 +14788,41 @@ static sbl_result sbl__bounce_link(void *work, int at) {
 
 /* >>bounce: light from lamps */
 
+/* Frees what the job needs, and what the iteration needs. */
+static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
+    sbl__free(base, b->sites);
+    sbl__free(base, b->readings);
+    sbl__free(base, b->found_layers);
+    sbl__free(base, b->reads);
+    b->sites = NULL;
+    b->readings = NULL;
+    b->found_layers = NULL;
+    b->reads = NULL;
+}
+
+/* Allocates `sites`, `readings` and, if there are light groups, `found_layers`; instead of `reads`, to save memory. */
+static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
+    sbl__base *base = &b->core->base;
+    const size_t groups = (size_t)b->core->scene.light_groups;
+    sbl__bounce_free_sites(base, b);
+    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
+    if (groups) b->found_layers = (float *)sbl__alloc_raw(base, sites, 12 * groups);
+    return b->sites && b->readings && (b->found_layers || !groups) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
 static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
+    const size_t leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
-    sbl__free(base, b->sites);
-    sbl__free(base, b->readings);
     sbl__free(base, b->direct);
     sbl__free(base, b->solved);
-    sbl__free(base, b->found_layers);
-    b->found_layers = NULL;
     b->site_count = 0;
-    if (b->core->scene.light_groups) {
-        b->found_layers = (float *)sbl__alloc_raw(base, sites, 12 * (size_t)b->core->scene.light_groups);
-        if (!b->found_layers) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
-    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->direct && b->solved ? sbl__bounce_make_sites(b, (size_t)b->point_count) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Adds a site for a point whose light is not measured, or for any point if glows are measured. */
@@ -14933,8 +14957,41 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     return share;
 }
 
+/* Makes room for the reads of all points. */
+static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    (void)slice;
+    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    sbl__bounce_free_sites(&b->core->base, b);
+    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count,
+                                                  SBL__BOUNCE_RAYS * sizeof *b->reads);
+    return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Returns 1 if a ray reads light in the iteration: that of a leaf whose state `bright` is 0. */
+static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
+    return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
+}
+
+static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
+
+/* Makes the reads of a leaf. Those of the leaf before it are made already. */
+static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
+    sbl__bounce_leaf *state = &b->states[leaf];
+    int i, end = sbl__first_read(b, leaf);
+    for (i = state->first; i < state->first + state->points; i++) {
+        const sbl__hit *hit = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS], *const last = hit + SBL__BOUNCE_RAYS;
+        for (; b->points[i].valid && hit < last; hit++) {
+            if (!sbl__hit_is_read(b, hit)) continue;
+            b->reads[end].leaf = hit->leaf;
+            memcpy(b->reads[end++].albedo, hit->albedo, sizeof hit->albedo);
+        }
+    }
+    state->read_end = end;
+}
+
 /* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if
-   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. */
+   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. Makes the leaf's reads. */
 static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -14943,6 +15000,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     int i, k;
     light[0] = light[1] = light[2] = 0;
     state->share = sbl__bounce_share(b, at);
+    sbl__bounce_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
@@ -14963,7 +15021,7 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].leaf != SBL__NOWHERE && (!b->states[hits[j].leaf].bright || hits[j].by_metal))
+        if (sbl__hit_is_read(b, &hits[j]))
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
 }
 
@@ -14983,12 +15041,14 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
-    int i, k;
+    const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
+    const sbl__leaf *leaves = b->store->leaves;
+    float *light = b->store->leaves[at].light, sum[3], sums[3] = { 0, 0, 0 };
+    int k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->points[i].valid) sbl__bounce_add_received(b, i, sum);
+    for (; read < end; read++) sbl__add_reflected(read->albedo, leaves[read->leaf].light, sums);
+    sum[0] = sums[0]; sum[1] = sums[1]; sum[2] = sums[2];
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
@@ -15094,21 +15154,17 @@ static sbl_result sbl__bounce_layers_direct(void *work, int at) {
 static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
+    const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
     const int floats = 3 * b->core->scene.light_groups;
     float *all = b->store->layers, *light = all + (size_t)floats * (size_t)at;
     float sum[3 * SBL_MAX_LIGHT_GROUPS];
-    int i, j, k;
+    int k;
     if (at == 0) memset(b->layer_balance, 0, sizeof b->layer_balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
     memset(sum, 0, sizeof sum);
-    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
-        for (j = 0; j < (b->points[i].valid ? SBL__BOUNCE_RAYS : 0); j++) {
-            const float *from = all + (size_t)floats * hits[j].leaf;
-            if (hits[j].leaf == SBL__NOWHERE || (b->states[hits[j].leaf].bright && !hits[j].by_metal)) continue;
-            for (k = 0; k < floats; k += 3) sbl__add_reflected(hits[j].albedo, from + k, sum + k);
-        }
-    }
+    for (; read < end; read++)
+        for (k = 0; k < floats; k += 3)
+            sbl__add_reflected(read->albedo, all + (size_t)floats * read->leaf + k, sum + k);
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
@@ -15574,7 +15630,7 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 
 /* >>bounce: uncertainty */
 
-/* Saves a leaf's light in b->solved, and sets b->direct to its standard error with a random sign per channel, estimated
+/* Makes a leaf's reads, because bright leaves are known now, saves its light in b->solved, and sets b->direct to its standard error with a random sign per channel, estimated
    from the differences between its valid points or, for a single one, as half its light; 0 if there are none. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -15582,6 +15638,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     const uint32_t signs = sbl__hash_step(0, (uint32_t)at);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
     int i, k;
+    sbl__bounce_reads(b, at);
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         double light[3];
@@ -15669,10 +15726,12 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
 }
 
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl_result result = sbl__bounce_make_sites(b, SBL__AIR_SITES);
     (void)slice;
     b->core->device.gl.doing = "storing bounced light";
-    return sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
+    return result != SBL_SUCCESS ? result
+         : sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
 }
 
 /* >>bounce: light in the air, for objects that the host draws */
@@ -15719,10 +15778,11 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved, b->found_layers, b->direct_layers };
+                             b->direct, b->solved, b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
+    sbl__bounce_free_sites(d->base, b);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -15783,7 +15843,7 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
     { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
     { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
-    { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
+    { sbl__bounce_reads_make, NULL, sbl__bounce_direct, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
     { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
     { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
