@@ -13756,10 +13756,16 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
    shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
-   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link, and before that by
-   sbl__bounce_place, which leaves out cells of wider levels. albedo: share of light that the surface reflects, see
-   sbl__share_pack. by_metal: 1: the ray has met metal before */
-typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[3], by_metal; } sbl__hit;
+   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link; before that it is valid
+   only if `firm` is 1. albedo: share of light that the surface reflects, see
+   sbl__share_pack. by_metal: 1: the ray has met metal before. firm: 1: the hit, of a point's ray, belongs to `leaf` until
+   that is cut */
+typedef struct sbl__hit {
+    float position[3], distance;
+    uint32_t place, leaf;
+    uint16_t albedo[3];
+    uint8_t by_metal, firm;
+} sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
@@ -13781,8 +13787,9 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
-   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: 1: since all
-   hits were last queued, a cut has taken a part of the leaf; read_end: index after that of its last read, whose reads
+   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: points from
+   this number on were made after the last cut that took a part of the leaf, so that hits of their rays that are in the
+   leaf have found it as it is; 0: the same is true of all points; read_end: index after that of its last read, whose reads
    follow those of the leaf before it */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
@@ -13819,9 +13826,7 @@ typedef struct sbl__bounce {
                                         part of the point's `light`; then for each group the part of its `shine` */
     int layer_room;                  /* number of points for which `layers` has room */
     sbl__bounce_leaf *states;        /* one state per leaf */
-    uint8_t *settled;                /* one per leaf, used while rechecking: 1: the leaf has all its points and was not
-                                        cut since its hits were placed, so that placing them again would do nothing */
-    int point_count, point_room, state_room, settled_room;
+    int point_count, point_room, state_room;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further ones follow */
     int glows;                       /* 1: a job measures the light of glows at all points, so the points' rays do not
                                         count bright leaves, and the light of bright leaves is fixed */
@@ -13849,8 +13854,7 @@ typedef struct sbl__bounce {
                                                    surface) that have cut their cells; a slot keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
-    int rechecking;                  /* 1: the queue holds all hits, which are being placed again; see
-                                        sbl__bounce_queue_again */
+    int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
     sbl__bounce_read *reads;         /* of all leaves; made again when a leaf or point has changed its light or state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
@@ -14286,9 +14290,7 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
-        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states) ||
-        !sbl__grow(base, &b->settled, &b->settled_room, leaf + 1, sizeof *b->settled)) return 0;
-    b->settled[leaf] = 0;
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
@@ -14309,6 +14311,11 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
+/* Returns 1 if looking for the leaf of a hit of a point's ray would find hit->leaf again. */
+static int sbl__hit_is_firm(const sbl__bounce *b, const sbl__hit *hit, int number) {
+    return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[hit->leaf].cut;
+}
+
 /* Makes a point of a queued place if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
    to cut, the place waits. Does nothing if black surfaces have as many leaves as they may and the place is on one. If
    there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the place. */
@@ -14320,7 +14327,9 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     uint32_t *reference, word;
     int leaf, added, black, most, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
-    if (b->rechecking && at->leaf != SBL__NOWHERE && b->settled[at->leaf]) return SBL_SUCCESS;
+    if (b->rechecking && sbl__hit_is_firm(b, at, number) && (int)at->leaf < b->cut_leaves &&
+        b->states[at->leaf].points >= (afar ? b->states[at->leaf].most : SBL__BOUNCE_POINTS)) return SBL_SUCCESS;
+    at->firm = 0;
     black = sbl__triangle_is_black(b->geometry, at->place >> 1);
     if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
     reference = sbl__place_find(b, at, &word);
@@ -14333,10 +14342,11 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     b->black_leaves += added && black;
     leaf = (int)*reference - 1;
-    at->leaf = word == sbl__place_word(s, at) ? (uint32_t)leaf : SBL__NOWHERE;
     most = afar ? b->states[leaf].most : SBL__BOUNCE_POINTS;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < most) ok = sbl__bounce_add_point(b, at, leaf);
+    at->leaf = (uint32_t)leaf;
+    at->firm = word == sbl__place_word(s, at);  /* A later cut may lead from a cell of a wider level back to this. */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -14347,14 +14357,8 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Queues all hits again, of which sbl__bounce_place skips those in settled leaves. Returns the stage PLACE. */
+/* Queues all hits again, of which sbl__bounce_place skips the firm ones of full leaves. Returns the stage PLACE. */
 static int sbl__bounce_queue_again(sbl__bounce *b) {
-    int i;
-    for (i = 0; i < b->store->leaf_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[i];
-        b->settled[i] = !leaf->cut && leaf->points >= leaf->most;
-        leaf->cut = 0;
-    }
     b->rechecking = 1;
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
@@ -14414,12 +14418,19 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
+/* Notes that the leaves of all hits have just been found. */
+static void sbl__bounce_all_found(sbl__bounce *b) {
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
+}
+
 /* Returns the stage after PLACE: GRID if cells must grow; rays from new leaves and points until none are new; points at
    surface samples; finally the stage that sbl__bounce_after_attempt returns or, after a division, RELOCATE. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
+    if (b->rechecking) sbl__bounce_all_found(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
@@ -14531,7 +14542,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
 /* Cuts a leaf, or a part of a cell without one. See sbl__store_cut. */
 static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
                                         int side) {
-    if (*reference) b->states[*reference - 1].cut = 1;
+    if (*reference) b->states[*reference - 1].cut = b->points_cast;
     return sbl__store_cut(&b->core->base, b->store, reference, normal, distance, side);
 }
 
@@ -14775,15 +14786,24 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. */
+/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. Points have been sorted. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
-        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, NULL);
+        const uint32_t *reference;
+        uint32_t word;
+        if (hit->firm && !b->states[hit->leaf].cut) continue;
+        reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, &word);
         hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+        hit->firm = hit->leaf != SBL__NOWHERE && word == sbl__place_word(b->store, hit);
     }
     return SBL_SUCCESS;
+}
+
+static int sbl__bounce_after_link(void *work) {
+    sbl__bounce_all_found((sbl__bounce *)work);
+    return SBL__BOUNCE_SITES;
 }
 
 /* >>bounce: light from lamps */
@@ -15396,6 +15416,7 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     normal[axis] = 1;
     distance = first->position[axis] + (float)middle;
     b->changed++;
+    state->cut = b->point_count;
     result = sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance);
     if (result == SBL_SUCCESS) s->cuts[s->cut_count - 1].divides = 1;
     return result;
@@ -15413,7 +15434,7 @@ static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
     b->changed = 0;
-    return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+    return sbl__bounce_queue_again(b);
 }
 
 /* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
@@ -15797,7 +15818,6 @@ static void sbl__bounce_end(sbl__core *c) {
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->layers);
     sbl__free(&c->base, b->states);
-    sbl__free(&c->base, b->settled);
     sbl__free(&c->base, b->hits.list);
     sbl__free(&c->base, b);
     c->bounce = NULL;
@@ -15840,7 +15860,7 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
     { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
     { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
-    { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
+    { NULL, sbl__bounce_after_link, sbl__bounce_link, sbl__bounce_points },
     { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
     { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
     { sbl__bounce_reads_make, NULL, sbl__bounce_direct, sbl__bounce_leaves },
