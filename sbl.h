@@ -13758,8 +13758,8 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
    shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
    nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link; before that it is valid
    only if `firm` is 1. albedo: share of light that the surface reflects, see
-   sbl__share_pack. by_metal: 1: the ray has met metal before. firm: 1: the hit, of a point's ray, belongs to `leaf` until
-   that is cut */
+   sbl__share_pack. by_metal: 1: the ray has met metal before. firm: 1: the hit, of a point's ray, belongs to `leaf`
+   until that is cut */
 typedef struct sbl__hit {
     float position[3], distance;
     uint32_t place, leaf;
@@ -13789,8 +13789,8 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
    at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: points from
    this number on were made after the last cut that took a part of the leaf, so that hits of their rays that are in the
-   leaf have found it as it is; 0: the same is true of all points; read_end: index after that of its last read, whose reads
-   follow those of the leaf before it */
+   leaf have found it as it is; 0: no cut was made since all hits were found; read_end: index after that of its last
+   read. Its reads follow those of the leaf before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -14152,22 +14152,27 @@ static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint3
     return reference;
 }
 
-/* Computes the normal on a place's side. Returns the distance from the surface at which rays from the place start. */
+/* Computes the normal on a place's side. */
+static void sbl__place_side(const sbl__geometry *g, uint32_t place, float normal[3]) {
+    double n[3];
+    int k;
+    sbl__scene_normal(g, place >> 1, n);
+    for (k = 0; k < 3; k++) normal[k] = (float)(place & 1 ? -n[k] : n[k]);
+}
+
+/* The same. Returns the distance from the surface at which rays from the place start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
-    double n[3], longest = 0, away = 0;
+    double longest = 0, away = 0;
     int i, k;
     sbl__scene_triangle(g, place >> 1, p);
-    sbl__scene_normal(g, place >> 1, n);
+    sbl__place_side(g, place, normal);
     for (i = 0; i < 3; i++) {
         double side = 0;
         for (k = 0; k < 3; k++) side += ((double)p[i][k] - p[(i + 1) % 3][k]) * ((double)p[i][k] - p[(i + 1) % 3][k]);
         longest = SBL__MAX(longest, side);
     }
-    for (k = 0; k < 3; k++) {
-        normal[k] = (float)(place & 1 ? -n[k] : n[k]);
-        away += (double)p[0][k] * p[0][k];
-    }
+    for (k = 0; k < 3; k++) away += (double)p[0][k] * p[0][k];
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
@@ -14311,9 +14316,17 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
-/* Returns 1 if looking for the leaf of a hit of a point's ray would find hit->leaf again. */
-static int sbl__hit_is_firm(const sbl__bounce *b, const sbl__hit *hit, int number) {
-    return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[hit->leaf].cut;
+/* Returns how many points the leaf of a place may have if the place is to become one. */
+static int sbl__place_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
+    return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
+}
+
+/* Returns 1 if placing hit number `number` of all points' rays again would do nothing: the leaf has not been cut since
+   the hit was found in it, and has all its points. */
+static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int number) {
+    const int leaf = (int)hit->leaf;
+    return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
+           b->states[leaf].points >= sbl__place_most(b, hit, leaf);
 }
 
 /* Makes a point of a queued place if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
@@ -14323,15 +14336,13 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
-    const int afar = at->distance > SBL__BOUNCE_AFAR * s->length;
     uint32_t *reference, word;
-    int leaf, added, black, most, ok = 1;
+    int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
-    if (b->rechecking && sbl__hit_is_firm(b, at, number) && (int)at->leaf < b->cut_leaves &&
-        b->states[at->leaf].points >= (afar ? b->states[at->leaf].most : SBL__BOUNCE_POINTS)) return SBL_SUCCESS;
+    if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
     at->firm = 0;
-    black = sbl__triangle_is_black(b->geometry, at->place >> 1);
-    if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
+    if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->place >> 1))
+        return SBL_SUCCESS;
     reference = sbl__place_find(b, at, &word);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
@@ -14340,11 +14351,10 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     }
     added = *reference == 0;
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
-    b->black_leaves += added && black;
+    b->black_leaves += added && sbl__triangle_is_black(b->geometry, at->place >> 1);
     leaf = (int)*reference - 1;
-    most = afar ? b->states[leaf].most : SBL__BOUNCE_POINTS;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < most) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < sbl__place_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
     at->firm = word == sbl__place_word(s, at);  /* A later cut may lead from a cell of a wider level back to this. */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -14357,7 +14367,7 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Queues all hits again, of which sbl__bounce_place skips the firm ones of full leaves. Returns the stage PLACE. */
+/* Queues all hits again, of which sbl__bounce_place skips the settled ones. Returns the stage PLACE. */
 static int sbl__bounce_queue_again(sbl__bounce *b) {
     b->rechecking = 1;
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
@@ -14945,8 +14955,9 @@ static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float 
     double direction[3];
     int k;
     out[0] = out[1] = out[2] = 0;
+    if (!(hit->distance > SBL__FAR)) return;
     for (k = 0; k < 3; k++) direction[k] = (double)hit->position[k] - b->points[point].at.position[k];
-    if (hit->distance > SBL__FAR && sbl__normalize(direction))
+    if (sbl__normalize(direction))
         sbl__environment_radiance(&b->core->scene.environment, direction, out);
 }
 
@@ -15651,8 +15662,9 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 
 /* >>bounce: uncertainty */
 
-/* Makes a leaf's reads, because bright leaves are known now, saves its light in b->solved, and sets b->direct to its standard error with a random sign per channel, estimated
-   from the differences between its valid points or, for a single one, as half its light; 0 if there are none. */
+/* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
+   its standard error with a random sign per channel, estimated from the differences between its valid points or, for a
+   single one, as half its light; 0 if there are none. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -15695,24 +15707,24 @@ static int sbl__bounce_after_propagate(void *work) {
 
 /* A cell holds one light for all its parts, but a point that is close to it sees some parts more than others. Returns
    the squared error that this causes in the light of one ray of a point, as a squared luminance, if the light within
-   the cell has a relative standard deviation of 1. at: the point; hit: where the ray ends. The mean over the rays of a
-   point is the squared error of its light. The error grows with the share of the point's hemisphere that the cell
-   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, because
-   they do not read this cell. */
-static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit) {
-    float normal[2][3], reflected[3] = { 0, 0, 0 };
+   the cell has a relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the
+   rays of a point is the squared error of its light. The error grows with the share of the point's hemisphere that the
+   cell covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays,
+   because they do not read this cell. */
+static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
+                                    const sbl__hit *hit) {
+    float other[3], reflected[3] = { 0, 0, 0 };
     double cosines[2] = { 0, 0 }, across, light, share;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
-    sbl__place_normal(b->geometry, at->place, normal[0]);
-    sbl__place_normal(b->geometry, hit->place, normal[1]);
+    sbl__place_side(b->geometry, hit->place, other);
     for (k = 0; k < 3; k++) {
         const double step = (double)(hit->position[k] - at->position[k]) / (double)hit->distance;
-        cosines[0] += step * (double)normal[0][k];
-        cosines[1] += step * (double)normal[1][k];
+        cosines[0] += step * (double)normal[k];
+        cosines[1] += step * (double)other[k];
     }
     share = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
     return light * light * share * SBL__MIN(across * across, 1);
@@ -15734,10 +15746,14 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
         all += (double)sbl__luminance_weights[k] * own_light;
         light[k] = solved[k];
     }
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        for (j = 0; j < (b->points[i].valid ? SBL__BOUNCE_RAYS : 0); j++)
-            smoothed2 += sbl__bounce_smoothed2(b, &b->points[i].at,
-                                               &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS + (size_t)j]);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
+        const sbl__bounce_point *point = &b->points[i];
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
+        float normal[3];
+        sbl__place_side(b->geometry, point->at.place, normal);
+        for (j = 0; j < (point->valid ? SBL__BOUNCE_RAYS : 0); j++)
+            smoothed2 += sbl__bounce_smoothed2(b, &point->at, normal, &hits[j]);
+    }
     smoothed2 = all > 0 && leaf->valid ? SBL__MIN(smoothed2 / (SBL__BOUNCE_RAYS * leaf->valid * all * all), 1) : 0;
     uncertainty2 = SBL__MIN(uncertainty2, SBL__UNCERTAINTY_MOST * SBL__UNCERTAINTY_MOST);
     sbl__leaf_set_uncertainty(&b->store->leaves[at],
