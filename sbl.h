@@ -5402,8 +5402,9 @@ static void sbl__share_pack(const float share[3], uint16_t out[3]) {
 /* Adds SBL__SHARE_ONE * (the radiance that a surface reflects) to sum. share: the surface's albedo, packed by
    sbl__share_pack. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
-    int k;
-    for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
+    sum[0] += (float)share[0] * light[0];  /* no loop: compilers then keep the sums of callers' loops in registers */
+    sum[1] += (float)share[1] * light[1];
+    sum[2] += (float)share[2] * light[2];
 }
 
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
@@ -13798,10 +13799,16 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
    shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
-   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link, and before that by
-   sbl__bounce_place, which leaves out cells of wider levels. albedo: share of light that the surface reflects, see
-   sbl__share_pack. by_metal: 1: the ray has met metal before */
-typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[3], by_metal; } sbl__hit;
+   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link; before that it is valid
+   only if `firm` is 1. albedo: share of light that the surface reflects, see
+   sbl__share_pack. by_metal: 1: the ray has met metal before. firm: 1: the hit, of a point's ray, belongs to `leaf`
+   until that is cut */
+typedef struct sbl__hit {
+    float position[3], distance;
+    uint32_t place, leaf;
+    uint16_t albedo[3];
+    uint8_t by_metal, firm;
+} sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
@@ -13814,14 +13821,24 @@ typedef struct sbl__bounce_point {
     float light[3], shine[3];
 } sbl__bounce_point;
 
+/* What a valid point's ray reads in each round of the iteration: the light of a leaf, and the share that is reflected,
+   see sbl__share_pack. Rays that read nothing are left out. */
+typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
+
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
-   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: 1: since all
-   hits were last queued, a cut has taken a part of the leaf */
-typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; int cut; } sbl__bounce_leaf;
+   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: points from
+   this number on were made after the last cut that took a part of the leaf, so that hits of their rays that are in the
+   leaf have found it as it is; 0: no cut was made since all hits were found; read_end: index after that of its last
+   read. Its reads follow those of the leaf before it. */
+typedef struct sbl__bounce_leaf {
+    int points, most, first, valid, bright;
+    float share;
+    int cut, read_end;
+} sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
@@ -13852,9 +13869,7 @@ typedef struct sbl__bounce {
                                         part of the point's `light`; then for each group the part of its `shine` */
     int layer_room;                  /* number of points for which `layers` has room */
     sbl__bounce_leaf *states;        /* one state per leaf */
-    uint8_t *settled;                /* one per leaf, used while rechecking: 1: the leaf has all its points and was not
-                                        cut since its hits were placed, so that placing them again would do nothing */
-    int point_count, point_room, state_room, settled_room;
+    int point_count, point_room, state_room;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further ones follow */
     int glows;                       /* 1: a job measures the light of glows at all points, so the points' rays do not
                                         count bright leaves, and the light of bright leaves is fixed */
@@ -13882,8 +13897,8 @@ typedef struct sbl__bounce {
                                                    surface) that have cut their cells; a slot keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
-    int rechecking;                  /* 1: the queue holds all hits, which are being placed again; see
-                                        sbl__bounce_queue_again */
+    int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
+    sbl__bounce_read *reads;         /* of all leaves; made again when a leaf or point has changed its light or state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -14180,22 +14195,27 @@ static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint3
     return reference;
 }
 
-/* Computes the normal on a place's side. Returns the distance from the surface at which rays from the place start. */
+/* Computes the normal on a place's side. */
+static void sbl__place_side(const sbl__geometry *g, uint32_t place, float normal[3]) {
+    double n[3];
+    int k;
+    sbl__scene_normal(g, place >> 1, n);
+    for (k = 0; k < 3; k++) normal[k] = (float)(place & 1 ? -n[k] : n[k]);
+}
+
+/* The same. Returns the distance from the surface at which rays from the place start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
-    double n[3], longest = 0, away = 0;
+    double longest = 0, away = 0;
     int i, k;
     sbl__scene_triangle(g, place >> 1, p);
-    sbl__scene_normal(g, place >> 1, n);
+    sbl__place_side(g, place, normal);
     for (i = 0; i < 3; i++) {
         double side = 0;
         for (k = 0; k < 3; k++) side += ((double)p[i][k] - p[(i + 1) % 3][k]) * ((double)p[i][k] - p[(i + 1) % 3][k]);
         longest = SBL__MAX(longest, side);
     }
-    for (k = 0; k < 3; k++) {
-        normal[k] = (float)(place & 1 ? -n[k] : n[k]);
-        away += (double)p[0][k] * p[0][k];
-    }
+    for (k = 0; k < 3; k++) away += (double)p[0][k] * p[0][k];
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
@@ -14318,9 +14338,7 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
-        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states) ||
-        !sbl__grow(base, &b->settled, &b->settled_room, leaf + 1, sizeof *b->settled)) return 0;
-    b->settled[leaf] = 0;
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
@@ -14341,6 +14359,19 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
+/* Returns how many points the leaf of a place may have if the place is to become one. */
+static int sbl__place_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
+    return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
+}
+
+/* Returns 1 if placing hit number `number` of all points' rays again would do nothing: the leaf has not been cut since
+   the hit was found in it, and has all its points. */
+static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int number) {
+    const int leaf = (int)hit->leaf;
+    return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
+           b->states[leaf].points >= sbl__place_most(b, hit, leaf);
+}
+
 /* Makes a point of a queued place if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
    to cut, the place waits. Does nothing if black surfaces have as many leaves as they may and the place is on one. If
    there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the place. */
@@ -14348,13 +14379,13 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
-    const int afar = at->distance > SBL__BOUNCE_AFAR * s->length;
     uint32_t *reference, word;
-    int leaf, added, black, most, ok = 1;
+    int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
-    if (b->rechecking && at->leaf != SBL__NOWHERE && b->settled[at->leaf]) return SBL_SUCCESS;
-    black = sbl__triangle_is_black(b->geometry, at->place >> 1);
-    if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
+    if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
+    at->firm = 0;
+    if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->place >> 1))
+        return SBL_SUCCESS;
     reference = sbl__place_find(b, at, &word);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
@@ -14363,12 +14394,12 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     }
     added = *reference == 0;
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
-    b->black_leaves += added && black;
+    b->black_leaves += added && sbl__triangle_is_black(b->geometry, at->place >> 1);
     leaf = (int)*reference - 1;
-    at->leaf = word == sbl__place_word(s, at) ? (uint32_t)leaf : SBL__NOWHERE;
-    most = afar ? b->states[leaf].most : SBL__BOUNCE_POINTS;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < most) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < sbl__place_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
+    at->leaf = (uint32_t)leaf;
+    at->firm = word == sbl__place_word(s, at);  /* A later cut may lead from a cell of a wider level back to this. */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -14379,14 +14410,8 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Queues all hits again, of which sbl__bounce_place skips those in settled leaves. Returns the stage PLACE. */
+/* Queues all hits again, of which sbl__bounce_place skips the settled ones. Returns the stage PLACE. */
 static int sbl__bounce_queue_again(sbl__bounce *b) {
-    int i;
-    for (i = 0; i < b->store->leaf_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[i];
-        b->settled[i] = !leaf->cut && leaf->points >= leaf->most;
-        leaf->cut = 0;
-    }
     b->rechecking = 1;
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
@@ -14446,12 +14471,19 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
+/* Notes that the leaves of all hits have just been found. */
+static void sbl__bounce_all_found(sbl__bounce *b) {
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
+}
+
 /* Returns the stage after PLACE: GRID if cells must grow; rays from new leaves and points until none are new; points at
    surface samples; finally the stage that sbl__bounce_after_attempt returns or, after a division, RELOCATE. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
+    if (b->rechecking) sbl__bounce_all_found(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
@@ -14563,7 +14595,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
 /* Cuts a leaf, or a part of a cell without one. See sbl__store_cut. */
 static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
                                         int side) {
-    if (*reference) b->states[*reference - 1].cut = 1;
+    if (*reference) b->states[*reference - 1].cut = b->points_cast;
     return sbl__store_cut(&b->core->base, b->store, reference, normal, distance, side);
 }
 
@@ -14807,41 +14839,63 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. */
+/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. Points have been sorted. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
-        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, NULL);
+        const uint32_t *reference;
+        uint32_t word;
+        if (hit->firm && !b->states[hit->leaf].cut) continue;
+        reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, &word);
         hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+        hit->firm = hit->leaf != SBL__NOWHERE && word == sbl__place_word(b->store, hit);
     }
     return SBL_SUCCESS;
 }
 
+static int sbl__bounce_after_link(void *work) {
+    sbl__bounce_all_found((sbl__bounce *)work);
+    return SBL__BOUNCE_SITES;
+}
+
 /* >>bounce: light from lamps */
+
+/* Frees what the job needs, and what the iteration needs. */
+static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
+    sbl__free(base, b->sites);
+    sbl__free(base, b->readings);
+    sbl__free(base, b->found_layers);
+    sbl__free(base, b->reads);
+    b->sites = NULL;
+    b->readings = NULL;
+    b->found_layers = NULL;
+    b->reads = NULL;
+}
+
+/* Allocates `sites`, `readings` and, if there are light groups, `found_layers`; instead of `reads`, to save memory. */
+static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
+    sbl__base *base = &b->core->base;
+    const size_t groups = (size_t)b->core->scene.light_groups;
+    sbl__bounce_free_sites(base, b);
+    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
+    if (groups) b->found_layers = (float *)sbl__alloc_raw(base, sites, 12 * groups);
+    return b->sites && b->readings && (b->found_layers || !groups) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
 
 static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
+    const size_t leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
-    sbl__free(base, b->sites);
-    sbl__free(base, b->readings);
     sbl__free(base, b->direct);
     sbl__free(base, b->solved);
-    sbl__free(base, b->found_layers);
-    b->found_layers = NULL;
     b->site_count = 0;
-    if (b->core->scene.light_groups) {
-        b->found_layers = (float *)sbl__alloc_raw(base, sites, 12 * (size_t)b->core->scene.light_groups);
-        if (!b->found_layers) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
-    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->direct && b->solved ? sbl__bounce_make_sites(b, (size_t)b->point_count) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Adds a site for a point whose light is not measured, or for any point if glows are measured. */
@@ -14944,8 +14998,9 @@ static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float 
     double direction[3];
     int k;
     out[0] = out[1] = out[2] = 0;
+    if (!(hit->distance > SBL__FAR)) return;
     for (k = 0; k < 3; k++) direction[k] = (double)hit->position[k] - b->points[point].at.position[k];
-    if (hit->distance > SBL__FAR && sbl__normalize(direction))
+    if (sbl__normalize(direction))
         sbl__environment_radiance(&b->core->scene.environment, direction, out);
 }
 
@@ -14976,8 +15031,41 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     return share;
 }
 
+/* Makes room for the reads of all points. */
+static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    (void)slice;
+    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    sbl__bounce_free_sites(&b->core->base, b);
+    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count,
+                                                  SBL__BOUNCE_RAYS * sizeof *b->reads);
+    return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Returns 1 if a ray reads light in the iteration: that of a leaf whose state `bright` is 0. */
+static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
+    return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
+}
+
+static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
+
+/* Makes the reads of a leaf. Those of the leaf before it are made already. */
+static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
+    sbl__bounce_leaf *state = &b->states[leaf];
+    int i, end = sbl__first_read(b, leaf);
+    for (i = state->first; i < state->first + state->points; i++) {
+        const sbl__hit *hit = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS], *const last = hit + SBL__BOUNCE_RAYS;
+        for (; b->points[i].valid && hit < last; hit++) {
+            if (!sbl__hit_is_read(b, hit)) continue;
+            b->reads[end].leaf = hit->leaf;
+            memcpy(b->reads[end++].albedo, hit->albedo, sizeof hit->albedo);
+        }
+    }
+    state->read_end = end;
+}
+
 /* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if
-   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. */
+   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. Makes the leaf's reads. */
 static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -14986,6 +15074,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     int i, k;
     light[0] = light[1] = light[2] = 0;
     state->share = sbl__bounce_share(b, at);
+    sbl__bounce_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
@@ -15006,7 +15095,7 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].leaf != SBL__NOWHERE && (!b->states[hits[j].leaf].bright || hits[j].by_metal))
+        if (sbl__hit_is_read(b, &hits[j]))
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
 }
 
@@ -15026,12 +15115,14 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
-    int i, k;
+    const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
+    const sbl__leaf *leaves = b->store->leaves;
+    float *light = b->store->leaves[at].light, sum[3], sums[3] = { 0, 0, 0 };
+    int k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->points[i].valid) sbl__bounce_add_received(b, i, sum);
+    for (; read < end; read++) sbl__add_reflected(read->albedo, leaves[read->leaf].light, sums);
+    sum[0] = sums[0]; sum[1] = sums[1]; sum[2] = sums[2];
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
@@ -15137,21 +15228,17 @@ static sbl_result sbl__bounce_layers_direct(void *work, int at) {
 static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
+    const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
     const int floats = 3 * b->core->scene.light_groups;
     float *all = b->store->layers, *light = all + (size_t)floats * (size_t)at;
     float sum[3 * SBL_MAX_LIGHT_GROUPS];
-    int i, j, k;
+    int k;
     if (at == 0) memset(b->layer_balance, 0, sizeof b->layer_balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
     memset(sum, 0, sizeof sum);
-    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
-        for (j = 0; j < (b->points[i].valid ? SBL__BOUNCE_RAYS : 0); j++) {
-            const float *from = all + (size_t)floats * hits[j].leaf;
-            if (hits[j].leaf == SBL__NOWHERE || (b->states[hits[j].leaf].bright && !hits[j].by_metal)) continue;
-            for (k = 0; k < floats; k += 3) sbl__add_reflected(hits[j].albedo, from + k, sum + k);
-        }
-    }
+    for (; read < end; read++)
+        for (k = 0; k < floats; k += 3)
+            sbl__add_reflected(read->albedo, all + (size_t)floats * read->leaf + k, sum + k);
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
@@ -15383,6 +15470,7 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     normal[axis] = 1;
     distance = first->position[axis] + (float)middle;
     b->changed++;
+    state->cut = b->point_count;
     result = sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance);
     if (result == SBL_SUCCESS) s->cuts[s->cut_count - 1].divides = 1;
     return result;
@@ -15400,7 +15488,7 @@ static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
     b->changed = 0;
-    return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+    return sbl__bounce_queue_again(b);
 }
 
 /* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
@@ -15617,14 +15705,16 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 
 /* >>bounce: uncertainty */
 
-/* Saves a leaf's light in b->solved, and sets b->direct to its standard error with a random sign per channel, estimated
-   from the differences between its valid points or, for a single one, as half its light; 0 if there are none. */
+/* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
+   its standard error with a random sign per channel, estimated from the differences between its valid points or, for a
+   single one, as half its light; 0 if there are none. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
     const uint32_t signs = sbl__hash_step(0, (uint32_t)at);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
     int i, k;
+    sbl__bounce_reads(b, at);
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         double light[3];
@@ -15660,24 +15750,24 @@ static int sbl__bounce_after_propagate(void *work) {
 
 /* A cell holds one light for all its parts, but a point that is close to it sees some parts more than others. Returns
    the squared error that this causes in the light of one ray of a point, as a squared luminance, if the light within
-   the cell has a relative standard deviation of 1. at: the point; hit: where the ray ends. The mean over the rays of a
-   point is the squared error of its light. The error grows with the share of the point's hemisphere that the cell
-   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, because
-   they do not read this cell. */
-static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit) {
-    float normal[2][3], reflected[3] = { 0, 0, 0 };
+   the cell has a relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the
+   rays of a point is the squared error of its light. The error grows with the share of the point's hemisphere that the
+   cell covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays,
+   because they do not read this cell. */
+static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
+                                    const sbl__hit *hit) {
+    float other[3], reflected[3] = { 0, 0, 0 };
     double cosines[2] = { 0, 0 }, across, light, share;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
-    sbl__place_normal(b->geometry, at->place, normal[0]);
-    sbl__place_normal(b->geometry, hit->place, normal[1]);
+    sbl__place_side(b->geometry, hit->place, other);
     for (k = 0; k < 3; k++) {
         const double step = (double)(hit->position[k] - at->position[k]) / (double)hit->distance;
-        cosines[0] += step * (double)normal[0][k];
-        cosines[1] += step * (double)normal[1][k];
+        cosines[0] += step * (double)normal[k];
+        cosines[1] += step * (double)other[k];
     }
     share = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
     return light * light * share * SBL__MIN(across * across, 1);
@@ -15699,10 +15789,14 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
         all += (double)sbl__luminance_weights[k] * own_light;
         light[k] = solved[k];
     }
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        for (j = 0; j < (b->points[i].valid ? SBL__BOUNCE_RAYS : 0); j++)
-            smoothed2 += sbl__bounce_smoothed2(b, &b->points[i].at,
-                                               &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS + (size_t)j]);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
+        const sbl__bounce_point *point = &b->points[i];
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
+        float normal[3];
+        sbl__place_side(b->geometry, point->at.place, normal);
+        for (j = 0; j < (point->valid ? SBL__BOUNCE_RAYS : 0); j++)
+            smoothed2 += sbl__bounce_smoothed2(b, &point->at, normal, &hits[j]);
+    }
     smoothed2 = all > 0 && leaf->valid ? SBL__MIN(smoothed2 / (SBL__BOUNCE_RAYS * leaf->valid * all * all), 1) : 0;
     uncertainty2 = SBL__MIN(uncertainty2, SBL__UNCERTAINTY_MOST * SBL__UNCERTAINTY_MOST);
     sbl__leaf_set_uncertainty(&b->store->leaves[at],
@@ -15712,10 +15806,12 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
 }
 
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl_result result = sbl__bounce_make_sites(b, SBL__AIR_SITES);
     (void)slice;
     b->core->device.gl.doing = "storing bounced light";
-    return sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
+    return result != SBL_SUCCESS ? result
+         : sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
 }
 
 /* >>bounce: light in the air, for objects that the host draws */
@@ -15762,10 +15858,11 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved, b->found_layers, b->direct_layers };
+                             b->direct, b->solved, b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
+    sbl__bounce_free_sites(d->base, b);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -15780,7 +15877,6 @@ static void sbl__bounce_end(sbl__core *c) {
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->layers);
     sbl__free(&c->base, b->states);
-    sbl__free(&c->base, b->settled);
     sbl__free(&c->base, b->hits.list);
     sbl__free(&c->base, b);
     c->bounce = NULL;
@@ -15823,10 +15919,10 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
     { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
     { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
-    { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
+    { NULL, sbl__bounce_after_link, sbl__bounce_link, sbl__bounce_points },
     { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
     { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
-    { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
+    { sbl__bounce_reads_make, NULL, sbl__bounce_direct, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
     { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
     { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },

@@ -411,8 +411,9 @@ static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], s
 TEST(stuck_points_do_not_count) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
+    static sbl__bounce_read reads[3 * SBL__BOUNCE_RAYS];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
-    sbl__bounce_leaf states[2] = { { 3, 4, 0, 2, 0, 1, 0 }, { 0, 4, 0, 0, 0, 1, 0 } };
+    sbl__bounce_leaf states[2] = { { 3, 4, 0, 2, 0, 1, 0, 0 }, { 0, 4, 0, 0, 0, 1, 0, 0 } };
     sbl__bounce_point points[3];
     sbl__leaf leaves[2];
     sbl__store store;
@@ -422,6 +423,7 @@ TEST(stuck_points_do_not_count) {
     set_leaves(&b, &store, leaves, states);
     b.points = points;
     b.hits.list = hits;
+    b.reads = reads;
     b.direct = direct;
     b.solved = solved;
     for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
@@ -436,6 +438,8 @@ TEST(stuck_points_do_not_count) {
         points[2].light[k] = 2;
         direct[k] = 1.5f;
     }
+    sbl__bounce_reads(&b, 0);
+    CHECK(states[0].read_end == 3 * SBL__BOUNCE_RAYS / 4, "%d reads", states[0].read_end);
     sbl__bounce_gather(&b, 0);
     for (k = 0; k < 3; k++)
         CHECK(fabs((double)leaves[0].light[k] - 3) < 1e-3, "channel %d: %g, expected 3", k, (double)leaves[0].light[k]);
@@ -450,25 +454,40 @@ TEST(stuck_points_do_not_count) {
               (double)direct[k]);
 }
 
-/* When all hits are queued again, those in a leaf that has all its points and no new cut are skipped: there is no scene
-   here in which they could be placed. Cuts made later count again. */
-TEST(settled_leaves_are_skipped) {
+/* When all hits are queued again, those are skipped whose leaf has all its points and was not cut after the hit was
+   found in it: there is no scene here in which they could be placed. Far hits need more points. Once all have been
+   found again, former cuts do not count. */
+TEST(settled_hits_are_skipped) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
-    sbl__bounce_leaf states[3] = { { 4, 4, 0, 4, 0, 1, 0 }, { 4, 4, 4, 4, 0, 1, 1 }, { 3, 4, 8, 3, 0, 1, 0 } };
-    uint8_t settled[3];
+    sbl__bounce_leaf states[3] = {
+        { 4, 8, 0, 4, 0, 1, 0, 0 }, { 4, 4, 4, 4, 0, 1, 2, 0 }, { 3, 4, 8, 3, 0, 1, 0, 0 }
+    };
     sbl__leaf leaves[3];
     sbl__store store;
+    int i;
     set_leaves(&b, &store, leaves, states);
-    store.leaf_count = 3;
+    store.leaf_count = b.cut_leaves = b.point_count = 3;
+    store.length = 1;
     b.hits.list = hits;
-    b.point_count = 3;
-    b.settled = settled;
+    for (i = 0; i < 3; i++) {
+        hits[i].leaf = (uint32_t)i;
+        hits[i].firm = 1;
+    }
     CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
           "%d hits are queued", b.queue.count);
-    CHECK(settled[0] && !settled[1] && !settled[2], "settled: %d %d %d", settled[0], settled[1], settled[2]);
     CHECK(sbl__bounce_place(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
-    CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && settled[1], "a cut counts twice");
+    CHECK(sbl__hit_is_settled(&b, &hits[0], 0), "the hit in a full leaf is not settled");
+    CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS - 1), "a hit before a cut is settled");
+    CHECK(sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit after a cut is not settled");
+    CHECK(!sbl__hit_is_settled(&b, &hits[2], 0), "the hit in a leaf that lacks points is settled");
+    hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
+    CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
+    hits[0].distance = 0;
+    hits[0].firm = 0;
+    CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not firm is settled");
+    sbl__bounce_all_found(&b);
+    CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
 /* All rays of a leaf's points hit another leaf, which reflects half of 8. A leaf with 16 points counts as much as one
@@ -479,7 +498,7 @@ TEST(further_points_do_not_count_more) {
     static sbl__hit hits[MOST * SBL__BOUNCE_RAYS];
     static sbl__bounce_point points[MOST];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
-    sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1, 0 }, { 0, 4, 0, 0, 0, 1, 0 } };
+    sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1, 0, 0 }, { 0, 4, 0, 0, 0, 1, 0, 0 } };
     sbl__division division;
     sbl__spread spreads[2];
     sbl__leaf leaves[2];
@@ -533,7 +552,7 @@ int main(void) {
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
     RUN(stuck_points_do_not_count);
-    RUN(settled_leaves_are_skipped);
+    RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
     RUN(no_memory_is_left);
     return test_report();
