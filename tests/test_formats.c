@@ -121,6 +121,18 @@ TEST(wrong_formats_are_refused) {
           "%s", ran.err);
 }
 
+/* The brightest colour of a texel of rgbm is as exact as a byte can be. */
+TEST(rgbm_keeps_the_brightest) {
+    int i;
+    for (i = 0; i < 200; i++) {
+        const double root = 0.2 + i / 250.0;
+        const float v[3] = { (float)(root * root), 0, (float)(root * root / 9) };
+        unsigned char out[4];
+        map__to_rgbm(out, v, 2);
+        CHECK(fabs(2 * out[0] / 255.0 * out[3] / 255.0 / root - 1) < 0.006, "%g became %d * %d", root, out[0], out[3]);
+    }
+}
+
 /* ---- values beyond the range ---- */
 
 enum { WIDTH = 4, STRANGE = 12 };
@@ -144,7 +156,7 @@ static size_t written(map_format format, int exact, unsigned char *bytes, size_t
 TEST(strange_values_become_finite) {
     static const unsigned halves[STRANGE] = { 0, 0x7bff, 0xfbff, 0x7bff, 0xc200, 0x7bff, 0, 0x3c00, 0x3800, 0, 0, 0 };
     unsigned char bytes[4096], *pixels;
-    map_survey survey = { 0, 0, 0 };
+    map_survey low, survey = { 0, 0, 0 };
     const size_t pfm = written(MAP_PFM, 0, bytes, sizeof bytes);
     image map = { WIDTH, 1, 3, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     float v[STRANGE];
@@ -175,6 +187,10 @@ TEST(strange_values_become_finite) {
     memcpy(v, strange, sizeof v);
     map.values = v;
     map_survey_of(&survey, &map);
+    v[4] = -1e5f;
+    memset(&low, 0, sizeof low);
+    map_survey_of(&low, &map);
+    CHECK(low.above_half == 3 && low.most == survey.most, "%d above", (int)low.above_half);
     CHECK(survey.strange == 3 && survey.above_half == 2 && survey.most > 9e29f && survey.most < 2e30f,
           "%d strange, %d above", (int)survey.strange, (int)survey.above_half);
 }
@@ -338,6 +354,7 @@ int main(int argc, char **argv) {
     RUN(the_newest_map_is_drawn);
     RUN(harmonics_have_signs);
     RUN(wrong_formats_are_refused);
+    RUN(rgbm_keeps_the_brightest);
     RUN(strange_values_become_finite);
     RUN(too_bright_is_said);
     RUN(a_full_disk_leaves_nothing);
