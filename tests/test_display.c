@@ -227,7 +227,8 @@ static double mean_log(const float *rgb, double from, double to) {
     double sum = 0, weights = 0;
     int i, count = 0;
     for (i = 0; i < PIXELS; i++) {
-        const double y = 0.2126 * (double)rgb[3 * i] + 0.7152 * (double)rgb[3 * i + 1] + 0.0722 * (double)rgb[3 * i + 2];
+        const float *c = rgb + 3 * i;
+        const double y = 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
         if (y > 0) logs[count++] = log2(y);
     }
     qsort(logs, (size_t)count, sizeof *logs, compare);

@@ -211,7 +211,8 @@ TEST(ktx2_describes_its_channels) {
         const size_t at = first + SAMPLE * i;
         CHECK(bytes[at] == 16 * i && bytes[at + 2] == 15 && bytes[at + 3] == ((i < 3 ? i : ALPHA) | SIGNED_FLOAT),
               "channel %u: bit %d, %d bits, kind %d", i, bytes[at], bytes[at + 2] + 1, bytes[at + 3]);
-        CHECK(number_at(bytes, at + 8) == 0xbf800000 && number_at(bytes, at + 12) == 0x3f800000, "channel %u: range", i);
+        CHECK(number_at(bytes, at + 8) == 0xbf800000 && number_at(bytes, at + 12) == 0x3f800000, "range of channel %u",
+              i);
     }
 }
 

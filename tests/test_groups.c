@@ -701,7 +701,8 @@ TEST(groups_need_what_is_told) {
         double more;
         REQUIRE(set(0, 0), "%s", watch_last(&seen));
         more = need[0][gi][0] - (double)sbl_lightmap_bytes(context, &desc);
-        CHECK(gi ? more >= (double)CELL * GROUPS * cells : more <= 0, "mode %d: groups of the store need %.0f", gi, more);
+        CHECK(gi ? more >= (double)CELL * GROUPS * cells : more <= 0, "mode %d: groups of the store need %.0f", gi,
+              more);
     }
 }
 

@@ -558,7 +558,7 @@ TEST(dropped_glows_are_ordinary) {
     REQUIRE(sbl__glow_limit(&w, NULL) == SBL_SUCCESS, "no limit");
     for (i = 0; i < COUNT; i++) bright += sbl__leaf_is_bright(leaves[i].light);
     for (i = 0; i < scene.bright.glow_count; i++) kept += sbl__leaf_is_bright(leaves[glows[i].leaf].light);
-    CHECK(scene.bright.glow_count <= SBL__GLOWS_MOST && scene.bright.glow_count > SBL__GLOWS_MOST / 2, "%d glows remain",
+    CHECK(scene.bright.glow_count <= SBL__GLOWS_MOST && scene.bright.glow_count > SBL__GLOWS_MOST / 2, "%d glows left",
           scene.bright.glow_count);
     CHECK(bright == scene.bright.glow_count && kept == bright, "%d glows, %d bright leaves, %d of glows",
           scene.bright.glow_count, bright, kept);
