@@ -13514,11 +13514,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
    decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
    whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
-   sensor back to its surface. If the test hits nearer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
+   sensor back to its surface. So does each site if rays are short, because they may not reach the walls of the body. If
+   the test hits nearer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
-    const int is_first = j->look == 0;
+    const int is_first = j->look == 0, is_short = j->task.spec.ray_length > 0;
     const float offset = j->task.sites[site].offset;
     j->lost += hits[2] < 0;
     if (stuck_test) {
@@ -13526,7 +13527,8 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOC
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
-    if (!is_first || offset <= 0 || !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!is_first || offset <= 0) return SBL_SUCCESS;
+    if (!is_short && !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;

@@ -92,6 +92,39 @@ TEST(tones_are_their_formulas) {
     scene_free(&s);
 }
 
+/* One side of AgX's curve, which is a hyperbola with a power (Sobotka's formula): how far it rises from its middle when
+   it has gone `x` of `length` from there. height: how far it rises in all; its slope begins as 2 */
+static double agx_side(double x, double length, double height, double power) {
+    const double whole = 2 * length;
+    const double scale = pow(pow(whole, -power) * (pow(whole / height, power) - 1), -1 / power), term = 2 * x / scale;
+    return scale * term / pow(1 + pow(term, power), 1 / power);
+}
+
+/* The curve of AgX, which grey pixels show alone, is exact from the darkest to the brightest. */
+TEST(agx_of_grey) {
+    enum { STEPS = 12 };
+    test_scene s = { 0 };
+    sbl_picture_desc view = shown(scene_view(STEPS, 1, 1, 0, 0, 10, 0, 0, 0), SBL_TONE_AGX);
+    float *display;
+    int i;
+    for (i = 0; i < STEPS; i++) {
+        const double side = 20 * tan(0.5 * TEST_PI / 180), left = (i - STEPS / 2) * side;
+        const float level = (float)(0.18 * pow(2, -8 + 13.0 * i / (STEPS - 1))), x = (float)left;
+        scene_quad(&s, scene_lamp(&s, level, level, level), x, -1, 0, x + (float)side, -1, 0, x + (float)side, 1, 0, x,
+                   1, 0);
+    }
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
+    for (i = 0; i < STEPS; i++) {
+        const double x = (-8 + 13.0 * i / (STEPS - 1)) / 16.5, grey = 10 / 16.5;
+        const double curve = x < 0 ? 0.5 - agx_side(-x, grey, 0.5, 3) : 0.5 + agx_side(x, 1 - grey, 0.5, 3.25);
+        CHECK(fabs((double)display[3 * i] - pow(curve, 2.2)) < 2e-4, "step %d: %.5f, expected %.5f", i,
+              (double)display[3 * i], pow(curve, 2.2));
+    }
+    free(display);
+    scene_free(&s);
+}
+
 /* FINAL and R have the same bits with and without a tone; without one, DISPLAY is 0. */
 TEST(other_channels_stay_as_they_are) {
     test_scene s = { 0 };
@@ -183,6 +216,40 @@ TEST(a_backdrop_is_behind_objects) {
     scene_free(&s);
 }
 
+static int compare(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Returns the mean log2 of luminances that are not 0, from the share `from` to the share `to` of them. */
+static double mean_log(const float *rgb, double from, double to) {
+    static double logs[PIXELS];
+    double sum = 0, weights = 0;
+    int i, count = 0;
+    for (i = 0; i < PIXELS; i++) {
+        const float *c = rgb + 3 * i;
+        const double y = 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
+        if (y > 0) logs[count++] = log2(y);
+    }
+    qsort(logs, (size_t)count, sizeof *logs, compare);
+    for (i = 0; i < count; i++) {
+        const double weight = fmax(fmin(i + 1, to * count) - fmax(i, from * count), 0);
+        sum += weight * logs[i];
+        weights += weight;
+    }
+    return sum / weights;
+}
+
+/* Returns the exposure of a finished picture as ON PICTURES in sbl.h describes it. */
+static double chosen(const sbl_picture_desc *view) {
+    float *R = scene_channel(context, view, SBL_CHANNEL_RADIANCE);
+    float *final = scene_channel(context, view, SBL_CHANNEL_FINAL);
+    const double stops = log2(0.71) - mean_log(R, 0.05, 0.95), limit = log2(2.8) - mean_log(final, 0.95, 1);
+    free(R);
+    free(final);
+    return fmax(fmin(stops, limit), stops - 1.5);
+}
+
 /* Returns the exposure that is chosen for a room with walls of an albedo, and the mean of what the screen shows.
    power: radiance of its lamp, which is hidden from the camera; window: radiance of a bright quad in a tenth of it; if
    negative, the quad is hidden, too, and gives the same light */
@@ -191,6 +258,7 @@ static double metered(float albedo, float power, float window, double *mean) {
     sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 60, 0, 0, 0.9f, 0, 0, -1), SBL_TONE_NEUTRAL);
     int i, lamp = scene_lamp(&s, power, power, power);
     float *display;
+    double off;
     view.auto_exposure = 1;
     scene_box(&s, scene_material(&s, albedo, albedo, albedo), -1, -1, -1, 1, 1, 1);
     s.materials[lamp].flags |= SBL_MATERIAL_HIDDEN_FROM_CAMERA;
@@ -204,6 +272,8 @@ static double metered(float albedo, float power, float window, double *mean) {
     }
     *mean = 0;
     if (!scene_render(context, &s, &view)) return NAN;
+    off = fabs(chosen(&view) - (double)sbl_query_stats(context).picture.exposure);
+    CHECK(off < 0.03, "the exposure is off by %.3f stops", off);
     display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
     for (i = 0; i < 3 * PIXELS; i++) *mean += (double)display[i] / (3 * PIXELS);
     free(display);
@@ -238,6 +308,7 @@ TEST(highlights_limit_the_exposure) {
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
     RUN(tones_are_their_formulas);
+    RUN(agx_of_grey);
     RUN(other_channels_stay_as_they_are);
     RUN(edges_of_lamps_are_smooth);
     RUN(a_backdrop_is_behind_objects);

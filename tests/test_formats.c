@@ -6,6 +6,7 @@
 #include "../examples/gltf_file.h"
 #include "../examples/ktx2_file.h"
 #include "../examples/map_file.h"
+#include "../examples/lit_file.h"
 #include "support/test.h"
 #include "support/tool.h"
 #include "support/mapped_room.h"
@@ -121,6 +122,18 @@ TEST(wrong_formats_are_refused) {
           "%s", ran.err);
 }
 
+/* The brightest colour of a texel of rgbm is as exact as a byte can be. */
+TEST(rgbm_keeps_the_brightest) {
+    int i;
+    for (i = 0; i < 200; i++) {
+        const double root = 0.2 + i / 250.0;
+        const float v[3] = { (float)(root * root), 0, (float)(root * root / 9) };
+        unsigned char out[4];
+        map__to_rgbm(out, v, 2);
+        CHECK(fabs(2 * out[0] / 255.0 * out[3] / 255.0 / root - 1) < 0.006, "%g became %d * %d", root, out[0], out[3]);
+    }
+}
+
 /* ---- values beyond the range ---- */
 
 enum { WIDTH = 4, STRANGE = 12 };
@@ -144,7 +157,7 @@ static size_t written(map_format format, int exact, unsigned char *bytes, size_t
 TEST(strange_values_become_finite) {
     static const unsigned halves[STRANGE] = { 0, 0x7bff, 0xfbff, 0x7bff, 0xc200, 0x7bff, 0, 0x3c00, 0x3800, 0, 0, 0 };
     unsigned char bytes[4096], *pixels;
-    map_survey survey = { 0, 0, 0 };
+    map_survey low, survey = { 0, 0, 0 };
     const size_t pfm = written(MAP_PFM, 0, bytes, sizeof bytes);
     image map = { WIDTH, 1, 3, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     float v[STRANGE];
@@ -175,8 +188,68 @@ TEST(strange_values_become_finite) {
     memcpy(v, strange, sizeof v);
     map.values = v;
     map_survey_of(&survey, &map);
+    v[4] = -1e5f;
+    memset(&low, 0, sizeof low);
+    map_survey_of(&low, &map);
+    CHECK(low.above_half == 3 && low.most == survey.most, "%d above", (int)low.above_half);
     CHECK(survey.strange == 3 && survey.above_half == 2 && survey.most > 9e29f && survey.most < 2e30f,
           "%d strange, %d above", (int)survey.strange, (int)survey.above_half);
+}
+
+static unsigned number_at(const unsigned char *bytes, size_t at) {
+    return bytes[at] | (unsigned)bytes[at + 1] << 8 | (unsigned)bytes[at + 2] << 16 | (unsigned)bytes[at + 3] << 24;
+}
+
+/* The descriptor of a .ktx2 tells for each channel its bits, what it is, and its range: Khronos Data Format 1.3. */
+TEST(ktx2_describes_its_channels) {
+    enum { OFFSET = 48, SAMPLES = 28, SAMPLE = 16, SIGNED_FLOAT = 0xc0, ALPHA = 15 };
+    unsigned char bytes[4096];
+    const size_t size = written(MAP_KTX2, 0, bytes, sizeof bytes), first = number_at(bytes, OFFSET) + SAMPLES;
+    unsigned i;
+    REQUIRE(size > first + 4 * SAMPLE, "no descriptor");
+    for (i = 0; i < 4; i++) {
+        const size_t at = first + SAMPLE * i;
+        CHECK(bytes[at] == 16 * i && bytes[at + 2] == 15 && bytes[at + 3] == ((i < 3 ? i : ALPHA) | SIGNED_FLOAT),
+              "channel %u: bit %d, %d bits, kind %d", i, bytes[at], bytes[at + 2] + 1, bytes[at + 3]);
+        CHECK(number_at(bytes, at + 8) == 0xbf800000 && number_at(bytes, at + 12) == 0x3f800000, "range of channel %u",
+              i);
+    }
+}
+
+/* The picture of a lit scene shows glass as transparent by 0.9 of what passes. Highlights lower the exposure by at most
+   1.5 stops. */
+TEST(glass_is_transparent_in_lit_scenes) {
+    static float light[3] = { 1, 1, 1 }, shown[100];
+    static const float at[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, uv[6] = { -1, -1, 3, -1, -1, 3 };
+    static const uint32_t corners[3] = { 0, 1, 2 };
+    image atlas = { 1, 1, 3, light, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    sbl_material material;
+    sbl_mesh mesh;
+    sbl_scene_desc scene;
+    lit_scene lit;
+    int i;
+    memset(&material, 0, sizeof material);
+    memset(&mesh, 0, sizeof mesh);
+    memset(&scene, 0, sizeof scene);
+    memset(&lit, 0, sizeof lit);
+    material.transmission = 0.5f;
+    mesh.positions.data = at;
+    mesh.lightmap_texcoords.data = uv;
+    mesh.vertex_count = mesh.index_count = 3;
+    mesh.indices.data = corners;
+    scene.meshes = &mesh;
+    scene.materials = &material;
+    scene.mesh_count = scene.material_count = 1;
+    lit.scene = &scene;
+    lit.atlas = &atlas;
+    lit.size = 4;
+    REQUIRE(lit_make(&lit), "no texture");
+    for (i = 0; i < 16; i++) CHECK(abs(lit.texels[4 * i + 3] - 140) <= 1, "alpha is %d", lit.texels[4 * i + 3]);
+    lit_free(&lit);
+    for (i = 0; i < 100; i++) shown[i] = 28;
+    CHECK(fabs(lit__excess(shown, 100, 0) - 1.5) < 1e-6, "%g stops too much", lit__excess(shown, 100, 0));
+    CHECK(fabs(lit__excess(shown, 100, -3) - log(10) / log(2) + 3) < 1e-5, "%g stops too much",
+          lit__excess(shown, 100, -3));
 }
 
 /* A map that is too bright for 16-bit floats is lowered and finite, and the message says how to keep it. */
@@ -338,7 +411,10 @@ int main(int argc, char **argv) {
     RUN(the_newest_map_is_drawn);
     RUN(harmonics_have_signs);
     RUN(wrong_formats_are_refused);
+    RUN(rgbm_keeps_the_brightest);
     RUN(strange_values_become_finite);
+    RUN(ktx2_describes_its_channels);
+    RUN(glass_is_transparent_in_lit_scenes);
     RUN(too_bright_is_said);
     RUN(a_full_disk_leaves_nothing);
     RUN(what_is_in_the_way_is_known_before);

@@ -163,6 +163,50 @@ TEST(readings_have_groups) {
     }
 }
 
+/* However many groups there are, the last one has all light if all sources belong to it, in all three colours. */
+TEST(the_last_group_has_all) {
+    static float R[3 * SITES], groups[3 * SITES * SBL_MAX_LIGHT_GROUPS];
+    double off, mean;
+    int count, i;
+    for (count = 6; count <= SBL_MAX_LIGHT_GROUPS; count++) {
+        room(NONE);
+        for (i = 0; i < s.light_count; i++) s.lights[i].light_group = count - 1;
+        for (i = 0; i < s.material_count; i++) s.materials[i].light_group = count - 1;
+        REQUIRE(set(count, count - 1) && measure(SBL_MODE_DIRECT, R, groups, count) == SBL_SUCCESS, "%s",
+                watch_last(&seen));
+        CHECK(is_black(groups, 3 * SITES * (count - 1)), "%d groups: another group has light", count);
+        off = sum_off(R, groups + 3 * SITES * (count - 1), 1, 0, 3 * SITES, &mean);
+        CHECK(off < 3e-6, "%d groups: the last one is off by %g", count, off);
+    }
+}
+
+/* Readings whose light overflows are not valid, and have no light, whole or in groups. */
+TEST(invalid_readings_have_no_groups) {
+    static sbl_site site;
+    static sbl_reading reading;
+    static float groups[6];
+    sbl_readings_desc desc;
+    int i;
+    scene_free(&s);
+    for (i = 0; i < 2; i++) {
+        scene_light(&s, SBL_LIGHT_POINT, 3e38f, 1, 1)->position[1] = 0.5f;
+        s.lights[i].light_group = i;
+    }
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
+    memset(&desc, 0, sizeof desc);
+    site.normal[1] = 1;
+    desc.sites = &site;
+    desc.site_count = 1;
+    desc.readings = &reading;
+    desc.groups = groups;
+    desc.options.mode = SBL_MODE_DIRECT;
+    REQUIRE(set(2, 0) && sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    printf("  valid %d, R %g, groups %g %g\n", reading.valid, (double)reading.radiance[0], (double)groups[0],
+           (double)groups[3]);
+    CHECK(!reading.valid && is_black(reading.radiance, 3) && is_black(groups, 6), "valid %d, R %g, groups %g %g",
+          reading.valid, (double)reading.radiance[0], (double)groups[0], (double)groups[3]);
+}
+
 /* A closed box whose walls all emit e and reflect a: R is e / (1 - a). By symmetry, the walls across each axis cause a
    third of it on average, if they are a group. */
 TEST(groups_of_a_furnace) {
@@ -379,6 +423,59 @@ TEST(groups_of_stored_light) {
     }
 }
 
+/* Surfaces without sensors show the stored light of the groups beside glows: a patch that a spot light shines at, above
+   a floor. A lamp of another group hangs between them. The floor shows what the patch and the lamp send it. If it is of
+   metal, the ceiling around the patch shows what it sends back. */
+TEST(stored_groups_beside_glows) {
+    enum { SIZE = 10, TEXELS = SIZE * SIZE };
+    static float group[2][3 * TEXELS];
+    sbl_lightmap_desc desc = map_of(SIZE, SIZE, SBL_MODE_GI);
+    int metal, only, i, k, g;
+    cells = 4096;
+    desc.grouped = 1;
+    for (metal = 0; metal < 2; metal++) {
+        double mean = 0;
+        for (only = NONE; only < 2; only++) {
+            float *whole;
+            double off = 0;
+            sbl_light *light;
+            scene_free(&s);
+            for (i = 0; i < 2; i++) scene_material(&s, 0.7f, 0.7f, 0.7f);
+            s.materials[1].metallic = (float)metal;
+            s.materials[1].roughness = 0.3f;
+            s.materials[!metal].flags = SBL_MATERIAL_NO_SENSORS;
+            light = scene_light(&s, SBL_LIGHT_SPOT, 50 * on(0, only), 30 * on(0, only), 50 * on(0, only));
+            light->position[1] = light->direction[1] = 1;
+            light->cone = 30;
+            light = scene_light(&s, SBL_LIGHT_POINT, 0.5f * on(1, only), 0.7f * on(1, only), 0.3f * on(1, only));
+            light->position[0] = light->position[1] = 0.8f;
+            light->light_group = 1;
+            scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f,
+                       2, 0.3f);
+            uv_rectangle(&s, scene_floor(&s, 1, 0, 2), 0.05f, 0.05f, metal ? 0.1f : 0.95f, 0.95f);
+            for (k = 0; k < 2 && metal; k++) {
+                const float x = k ? 0.5f : -1.5f, u = k ? 0.6f : 0.2f, wall = k ? 2.0f : -2.0f;
+                scene_quad(&s, 2, wall, 0, -2, wall, 0, 2, wall, 1.8f, 2, wall, 1.8f, -2);
+                uv_rectangle(&s, scene_quad(&s, 0, x, 2, -1, x + 1, 2, -1, x + 1, 2, 1, x, 2, 1), u, 0.05f, u + 0.3f,
+                             0.95f);
+            }
+            REQUIRE(set(2, 0) && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+            whole = channel_of(&desc, SBL_CHANNEL_FINAL);
+            for (g = 0; g < 2 && only == NONE; g++)
+                sbl_read_channel(context, (sbl_channel)(SBL_CHANNEL_GROUP_0 + g), group[g], 3 * TEXELS);
+            CHECK(only != NONE || inside_glow_count(context) > 0, "there are no glows");
+            if (only == NONE) off = sum_off(whole, group[0], 2, 3 * TEXELS, 3 * TEXELS, &mean);
+            for (i = 0; i < 3 * TEXELS && only != NONE; i++)
+                off += ((double)whole[i] - (double)group[only][i]) / (3 * TEXELS * mean);
+            printf("  %s, %d: off by %.1e of the mean, %g\n", metal ? "metal" : "matte", only, off, mean);
+            CHECK(fabs(off) < (only == NONE ? 1e-6 : metal && only ? 0.1 : 0.03),
+                  "metal %d, %d: off by %g of the mean", metal, only, off);
+            free(whole);
+        }
+    }
+    cells = 1024;
+}
+
 /* >>vertices, probes */
 
 /* Light groups at vertices add up and are each that of a scene with only its lights. So are those of probes. */
@@ -455,7 +552,7 @@ static size_t get(void *data, size_t bytes, void *user) {
 /* Saved stores hold the groups; they fit only scenes with the same groups. */
 TEST(saved_stores_have_groups) {
     static float R[3 * SITES], before[3 * SITES * GROUPS], after[3 * SITES * GROUPS];
-    uint64_t print;
+    uint64_t print, sum;
     int run;
     room(NONE);
     REQUIRE(set(GROUPS, SKIES) && measure(SBL_MODE_GI, R, before, GROUPS) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -476,8 +573,20 @@ TEST(saved_stores_have_groups) {
             CHECK(!memcmp(before, after, sizeof before), "loaded groups differ");
         }
     }
+    room(NONE);  /* the last group of the last leaf has negative light */
+    REQUIRE(set(GROUPS, SKIES), "%s", watch_last(&seen));
+    stream.at = 0;
+    stream.bytes[stream.count - 9] |= 0x80;
+    sum = inside_saved_sum(stream.bytes, stream.count - 8);
+    memcpy(stream.bytes + stream.count - 8, &sum, 8);
+    CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
+              watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "damaged", NULL, NULL),
+          "negative groups are loaded: %s", watch_last(&seen));
     room(NONE);
     stream.at = 0;
+    stream.bytes[stream.count - 9] &= 0x7f;
+    sum = inside_saved_sum(stream.bytes, stream.count - 8);
+    memcpy(stream.bytes + stream.count - 8, &sum, 8);
     REQUIRE(set(0, 0), "%s", watch_last(&seen));
     CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
               watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_OTHER_STORE, "another sky", NULL, NULL),
@@ -556,6 +665,8 @@ TEST(mistakes_with_groups) {
     vertices.radiance = vertices.groups = light;
     vertices.float_count = 3 * VERTICES;
     refused(sbl_begin_vertices(context, &vertices), SBL_LOG_ITEM_INVALID_VERTICES_DESC, "group_float_count is 0");
+    vertices.group_float_count = 3 * VERTICES;  /* enough for one group */
+    refused(sbl_begin_vertices(context, &vertices), SBL_LOG_ITEM_INVALID_VERTICES_DESC, "group_float_count is 600");
     REQUIRE(set_count(0, 0) != SBL_SUCCESS, "groups without a count are accepted");
     room(NONE);
     REQUIRE(set(0, 0), "%s", watch_last(&seen));
@@ -564,6 +675,35 @@ TEST(mistakes_with_groups) {
     readings.groups = light;
     refused(sbl_begin_readings(context, &readings), SBL_LOG_ITEM_INVALID_READINGS_DESC,
             "the scene has no light groups");
+}
+
+/* The estimate of a lightmap's memory contains what ON LIGHT GROUPS tells of the texels and of the store. */
+TEST(groups_need_what_is_told) {
+    enum { TOLD = 44, CELL = 12 + 16 + 4 * 24, SMALL = 32, LARGE = 1024 };  /* a cell has up to 4 points at first */
+    double need[2][2][3];
+    int grouped, gi, size;
+    room(NONE);
+    REQUIRE(set(GROUPS, SKIES), "%s", watch_last(&seen));
+    for (grouped = 0; grouped < 2; grouped++)
+        for (gi = 0; gi < 2; gi++)
+            for (size = 0; size < 3; size++) {
+                sbl_lightmap_desc desc = map_of(size ? size * LARGE : SMALL, size ? LARGE : SMALL,
+                                                gi ? SBL_MODE_GI : SBL_MODE_DIRECT);
+                desc.grouped = grouped;
+                need[grouped][gi][size] = (double)sbl_lightmap_bytes(context, &desc);
+            }
+    for (gi = 0; gi < 2; gi++) {
+        const double more = need[1][gi][2] - need[1][gi][1] - (need[0][gi][2] - need[0][gi][1]);
+        CHECK(more >= TOLD * GROUPS * (double)LARGE * LARGE, "%g bytes per texel", more / LARGE / LARGE);
+    }
+    for (gi = 0; gi < 2; gi++) {
+        sbl_lightmap_desc desc = map_of(SMALL, SMALL, gi ? SBL_MODE_GI : SBL_MODE_DIRECT);
+        double more;
+        REQUIRE(set(0, 0), "%s", watch_last(&seen));
+        more = need[0][gi][0] - (double)sbl_lightmap_bytes(context, &desc);
+        CHECK(gi ? more >= (double)CELL * GROUPS * cells : more <= 0, "mode %d: groups of the store need %.0f", gi,
+              more);
+    }
 }
 
 /* The estimate of a lightmap's memory is large enough if textures of sensors with many rays are the largest part. */
@@ -630,16 +770,20 @@ TEST(memory_runs_out) {
 
 int main(void) {
     RUN_UNSANITIZED(readings_have_groups);  /* others of these tests read groups of readings with sanitizers */
+    RUN(the_last_group_has_all);
+    RUN(invalid_readings_have_no_groups);
     RUN(groups_of_a_furnace);
     RUN(groups_of_textured_walls);
     RUN(groups_of_glows);
     RUN(groups_of_two_lamps);
     RUN(lightmaps_have_groups);
     RUN(groups_of_stored_light);
+    RUN(stored_groups_beside_glows);
     RUN(vertices_and_probes_have_groups);
     RUN(saved_stores_have_groups);
     RUN(lights_change_groups);
     RUN(mistakes_with_groups);
+    RUN(groups_need_what_is_told);
     RUN(memory_is_foretold);
     RUN(memory_runs_out);
     scene_free(&s);

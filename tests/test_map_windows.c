@@ -112,6 +112,30 @@ TEST(one_window_joins_to_the_map) {
     scene_free(&s);
 }
 
+/* If a few meshes are baked, only seams between these are joined. */
+TEST(chosen_meshes_are_joined) {
+    static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } }, meshes[4] = { 0, 1, 8, 20 };
+    static test_scene s;
+    sbl_lightmap_desc desc = ball_map(1);
+    sbl_windows_desc joining;
+    int seams;
+    desc.directional = 0;
+    desc.meshes = meshes;
+    desc.mesh_count = 4;
+    joining = joining_of(&desc);
+    ball_scene(&s);
+    REQUIRE(set_scene(&s) && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS &&
+                sbl_read_channel(context, SBL_CHANNEL_FINAL, whole[0], 3 * TEXELS) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    seams = sbl_query_stats(context).lightmap.seams;
+    if (!bake_windows(desc, all, 1)) return;
+    CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_query_stats(context).lightmap.seams == seams && seams > 0, "%d seams, %d at once",
+          sbl_query_stats(context).lightmap.seams, seams);
+    CHECK(memcmp(light[0], whole[0], sizeof light[0]) == 0, "the joined map differs");
+    scene_free(&s);
+}
+
 /* Windows show the same surfaces as the whole map, also between places of supersampling that are not at the edges of
    first-level tiles. */
 TEST(windows_show_the_map) {
@@ -346,6 +370,7 @@ TEST(memory_runs_out) {
 
 int main(void) {
     RUN(one_window_joins_to_the_map);
+    RUN(chosen_meshes_are_joined);
     RUN(windows_show_the_map);
     RUN(windows_join_to_the_map);
     RUN(hidden_texels_of_windows);

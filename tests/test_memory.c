@@ -201,7 +201,7 @@ TEST(fingerprints_tell_scenes_apart) {
     sbl_light lamp;
     static const unsigned char texels[2][3] = { { 189, 209, 204 }, { 128, 128, 255 } };
     sbl_texture textures[2];
-    uint64_t prints[10];
+    uint64_t prints[12];
     float *position;
     int i, k;
     REQUIRE(context && other, "%s", watch_last(&seen));
@@ -219,7 +219,7 @@ TEST(fingerprints_tell_scenes_apart) {
         textures[i].channels = 3;
         textures[i].format = SBL_PIXELS_LINEAR8;
     }
-    for (i = 1; i < 10; i++) {
+    for (i = 1; i < 12; i++) {
         sbl_material *m = (sbl_material *)(uintptr_t)scene.materials;
         if (i == 1) scene.sky[2] = 0.5f;
         if (i == 2) { scene.lights = &lamp; scene.light_count = 1; }
@@ -233,6 +233,8 @@ TEST(fingerprints_tell_scenes_apart) {
         if (i == 7) m[0].normal_texture = 1;
         if (i == 8) m[0].normal_scale = 0.5f;
         if (i == 9) m[0].normal_texture = 2;
+        if (i == 10) m[0].ior = 1.5f;
+        if (i == 11) m[0].roughness = 0.5f;
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
         prints[i] = sbl_scene_fingerprint(context);
         for (k = 0; k < i; k++) CHECK(prints[i] != prints[k], "scenes %d and %d have equal fingerprints", k, i);

@@ -130,6 +130,34 @@ TEST(reflections_do_not_end) {
     scene_free(&s);
 }
 
+/* Short rays do not hide that a sensor stands in a body: a box whose bottom lies between the floor and the sensor, and
+   whose other sides are farther away than rays reach. */
+TEST(stuck_sensors_are_found) {
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_site site;
+    sbl_reading reading;
+    sbl_readings_desc desc;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 5);
+    scene_box(&s, 0, -3, 0.02f, -3, 3, 2, 3);
+    scene = scene_desc(&s);
+    memset(&site, 0, sizeof site);
+    memset(&desc, 0, sizeof desc);
+    site.normal[1] = 1;
+    site.offset = 0.05f;
+    desc.sites = &site;
+    desc.readings = &reading;
+    desc.site_count = 1;
+    desc.options.mode = SBL_MODE_DIRECT;
+    desc.options.ray_length = 0.02f;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    CHECK(!reading.valid, "a sensor in a box is valid: R is %g, back_share %g", (double)reading.radiance[0],
+          (double)reading.back_share);
+    scene_free(&s);
+}
+
 TEST(what_cannot_be_is_refused) {
     static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT };
     const float at[3] = { 1, 1, 0 };
@@ -180,6 +208,7 @@ int main(void) {
     RUN(readings_beside_a_wall);
     RUN(a_map_beside_a_wall);
     RUN(reflections_do_not_end);
+    RUN(stuck_sensors_are_found);
     RUN(what_cannot_be_is_refused);
     sbl_destroy(context);
     return test_report();

@@ -4,7 +4,7 @@
 #include "support/tool.h"
 #include "../sbl.h"
 
-enum { SIZE = 32, LIGHTS = 4, ACROSS = 4 };
+enum { SIZE = 32, LIGHTS = 4 };
 
 /* The floor spans 4 x 4, and fills the map from 1/8 to 7/8; u runs along x, v along z. A wall of height 1 stands at
    x = 0, from z = -1 to 1. */
@@ -15,8 +15,9 @@ static const float places[4][2] = { { 0.125f, 0.125f }, { 0.125f, 0.875f }, { 0.
 static const unsigned corners[6] = { 0, 1, 2, 0, 2, 3 };
 
 /* Writes a dim lamp beside the wall, a sun that shines along x and as steeply down, a spot above x = 1 that shines
-   down, a lamp below the floor, and a fifth light. nodes: the numbers of more nodes than the floor and the wall */
-static void write_wall(const char *name, const char *nodes) {
+   down, a lamp below the floor, and a fifth light. nodes: the numbers of more nodes than the floor and the wall; spot:
+   the intensity of the spot */
+static void write_wall(const char *name, const char *nodes, double spot) {
     char json[4096];
     FILE *out = fopen(in_folder("wall.bin"), "wb");
     fwrite(vertices, 1, sizeof vertices, out);
@@ -26,7 +27,7 @@ static void write_wall(const char *name, const char *nodes) {
     snprintf(json, sizeof json,
              "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],\"scene\":0,"
              "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\",\"intensity\":0.001},"
-             "{\"type\":\"directional\",\"intensity\":700},{\"type\":\"spot\",\"intensity\":9,"
+             "{\"type\":\"directional\",\"intensity\":700},{\"type\":\"spot\",\"intensity\":%g,"
              "\"spot\":{\"outerConeAngle\":0.4}},{\"type\":\"point\",\"intensity\":0}]}},"
              "\"scenes\":[{\"nodes\":[0,1%s]}],\"nodes\":[{\"mesh\":0},{\"mesh\":1}"
              ",{\"name\":\"lamp\",\"translation\":[-1,1.25,0.25],"
@@ -47,7 +48,7 @@ static void write_wall(const char *name, const char *nodes) {
              "{\"bufferView\":3,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}],\"bufferViews\":["
              "{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":48},"
              "{\"buffer\":0,\"byteOffset\":96,\"byteLength\":32},{\"buffer\":0,\"byteOffset\":128,\"byteLength\":24}],"
-             "\"buffers\":[{\"uri\":\"wall.bin\",\"byteLength\":152}]}", nodes);
+             "\"buffers\":[{\"uri\":\"wall.bin\",\"byteLength\":152}]}", spot, nodes);
     write_text(name, json);
 }
 
@@ -60,16 +61,17 @@ static int reaches(int light, double x, double z) {
 }
 
 /* Returns the share of the light in a texel that arrives: about that of the places that a light reaches, and 1 at the
-   rim of the cone, beyond which there is none. Texels outside of the floor are those at its edge. */
-static double share_at(int light, int x, int y) {
+   rim of the cone, beyond which there is none. Texels outside of the floor are those at its edge. across: number of
+   places across a texel */
+static double share_at(int light, int x, int y, int across) {
     const int low = SIZE / 8, high = SIZE - low - 1;
     int i, lit = 0;
     x = x < low ? low : x > high ? high : x;
     y = y < low ? low : y > high ? high : y;
-    for (i = 0; i < ACROSS * ACROSS; i++)
-        lit += reaches(light, ((x + (i % ACROSS + 0.5) / ACROSS) / SIZE - 0.5) * 16 / 3,
-                       ((y + (double)(i / ACROSS + 0.5) / ACROSS) / SIZE - 0.5) * 16 / 3);
-    return light == 2 ? lit > 0 : lit / (double)(ACROSS * ACROSS);
+    for (i = 0; i < across * across; i++)
+        lit += reaches(light, ((x + (i % across + 0.5) / across) / SIZE - 0.5) * 16 / 3,
+                       ((y + (double)(i / across + 0.5) / across) / SIZE - 0.5) * 16 / 3);
+    return light == 2 ? lit > 0 : lit / (double)(across * across);
 }
 
 /* Each channel shows its light: dim or bright, to the rim of the cone, as a share in texels at the edges of shadows,
@@ -78,7 +80,7 @@ TEST(channels_show_lights) {
     unsigned char *bytes;
     int i, x, y, wide = 0, high = 0, parts = 0, edges = 0;
     double worst[LIGHTS] = { 0 }, worst_edge = 0;
-    write_wall("wall.gltf", ",2,3,4,5,6");
+    write_wall("wall.gltf", ",2,3,4,5,6", 9);
     REQUIRE(TOOL("wall.gltf", "--mode", "direct", "--lightmap", "32", "--preset", "draft", "--shadow-mask",
                  "--supersample", "4", "--lit", "0", "-o", "out") == 0, "%s", ran.err);
     CHECK(said("channel R: the light \"lamp (node 2)\"") && said("channel G: the light \"sun (node 3)\"") &&
@@ -90,7 +92,7 @@ TEST(channels_show_lights) {
         double expected, off;
         x = i / LIGHTS % SIZE;
         y = i / LIGHTS / SIZE;
-        expected = share_at(light, x, y);
+        expected = share_at(light, x, y, 4);
         off = fabs(bytes[i] / 255.0 - expected);
         if (expected > 0 && expected < 1) { worst_edge = test_max(worst_edge, off); edges++; }
         else if (y >= SIZE / 8 + 4 && y < SIZE - SIZE / 8 - 4) worst[light] = test_max(worst[light], off);
@@ -105,11 +107,31 @@ TEST(channels_show_lights) {
 #endif
 }
 
+/* The rim of a cone is sharp even if the light is very dim: a filter would take such light for noise. */
+TEST(rims_are_sharp) {
+    unsigned char *bytes;
+    int x, y, wide = 0, high = 0, parts = 0, lit = 0;
+    write_wall("dim.gltf", ",4", 1e-6);
+    REQUIRE(TOOL("dim.gltf", "--mode", "direct", "--lightmap", "32", "--preset", "draft", "--shadow-mask",
+                 "--supersample", "2", "--lit", "0", "-o", "rims") == 0, "%s", ran.err);
+    bytes = stbi_load(in_folder("rims/shadow.png"), &wide, &high, &parts, 4);
+    REQUIRE(bytes && wide == SIZE && high == SIZE, "%d x %d", wide, high);
+    for (y = SIZE / 8; y < SIZE * 7 / 8; y++)
+        for (x = SIZE / 8; x < SIZE * 7 / 8; x++) {
+            const int expected = 255 * (int)share_at(2, x, y, 2);
+            CHECK(bytes[LIGHTS * (SIZE * y + x)] == expected, "texel %d %d is %d, not %d", x, y,
+                  bytes[LIGHTS * (SIZE * y + x)], expected);
+            lit += expected > 0;
+        }
+    CHECK(lit > 40, "%d texels are lit", lit);
+    free(bytes);
+}
+
 #define REFUSED(code, words, ...) \
     CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1, "exit status %d: %s", ran.status, ran.err)
 
 TEST(what_cannot_be_is_refused) {
-    write_wall("dark.gltf", "");
+    write_wall("dark.gltf", "", 9);
     REFUSED(1, "the file has no lights", "dark.gltf", "--lightmap", "8", "-o", "new", "--shadow-mask", "--quiet");
     REFUSED(2, "--shadow-mask needs --lightmap", "dark.gltf", "--vertices", "-o", "no.ply", "--shadow-mask");
     REFUSED(2, "baked at once; leave out --part", "dark.gltf", "--lightmap", "8", "-o", "no.exr", "--shadow-mask",
@@ -124,6 +146,7 @@ int main(int argc, char **argv) {
     if (!tool_begin(argv[0])) return 1;
     tool_use("sbl_bake");
     RUN(channels_show_lights);
+    RUN(rims_are_sharp);
     RUN(what_cannot_be_is_refused);
     tool_end();
     return test_report();

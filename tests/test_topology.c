@@ -536,6 +536,53 @@ TEST(no_memory_is_left) {
     CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
 }
 
+/* Light groups of a texel add up to its R, and none is negative; R of a texel without any belongs to the first. */
+TEST(groups_of_a_texel_add_up) {
+    static const float R[3] = { 1, 2, 3 };
+    float first[3] = { -0.5f, 1, 0 }, second[3] = { 0.8f, -1, -1 }, third[3] = { 0.4f, 3, 0 };
+    float *const parts[3] = { first, second, third };
+    int k;
+    sbl__layers_share(R, parts, 3, 0);
+    for (k = 0; k < 3; k++) {
+        CHECK(first[k] >= 0 && second[k] >= 0 && third[k] >= 0, "colour %d: a group is negative", k);
+        CHECK(fabs((double)first[k] + (double)second[k] + (double)third[k] - (double)R[k]) < 1e-6, "colour %d", k);
+    }
+    CHECK(fabs((double)second[0] - 2 * (double)third[0]) < 1e-6 && fabs((double)third[1] - 3 * (double)first[1]) < 1e-6,
+          "groups have other shares");
+    CHECK(first[2] == R[2], "R without groups belongs to no group");
+}
+
+/* If there are too many glows, the darkest are dropped, and their leaves are ordinary again. */
+TEST(dropped_glows_are_ordinary) {
+    enum { COUNT = SBL__GLOWS_MOST + 500 };
+    static sbl__glow glows[COUNT];
+    static sbl__leaf leaves[COUNT];
+    static sbl__scene scene;
+    static sbl__device device;
+    sbl__glowing w;
+    int i, bright = 0, kept = 0;
+    memset(&w, 0, sizeof w);
+    w.device = &device;
+    w.scene = &scene;
+    scene.geometry.wide = 1;
+    scene.store.leaves = leaves;
+    scene.bright.glows = glows;
+    scene.bright.glow_count = COUNT;
+    for (i = 0; i < COUNT; i++) {
+        leaves[i].light[0] = -1;  /* bright */
+        leaves[i].light[1] = leaves[i].light[2] = 1;
+        glows[i].leaf = (uint32_t)i;
+        glows[i].radiance[1] = 1 + (float)((7 * i) % COUNT) / COUNT;
+    }
+    REQUIRE(sbl__glow_limit(&w, NULL) == SBL_SUCCESS, "no limit");
+    for (i = 0; i < COUNT; i++) bright += sbl__leaf_is_bright(leaves[i].light);
+    for (i = 0; i < scene.bright.glow_count; i++) kept += sbl__leaf_is_bright(leaves[glows[i].leaf].light);
+    CHECK(scene.bright.glow_count <= SBL__GLOWS_MOST && scene.bright.glow_count > SBL__GLOWS_MOST / 2, "%d glows left",
+          scene.bright.glow_count);
+    CHECK(bright == scene.bright.glow_count && kept == bright, "%d glows, %d bright leaves, %d of glows",
+          scene.bright.glow_count, bright, kept);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -555,5 +602,7 @@ int main(void) {
     RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
     RUN(no_memory_is_left);
+    RUN(groups_of_a_texel_add_up);
+    RUN(dropped_glows_are_ordinary);
     return test_report();
 }
