@@ -51,11 +51,16 @@ makes_maps() {
     holds apart "$folder/maps.glb" 112 2 20 && holds dense "$folder/maps.glb" 112 12 &&
     holds same "$rich" "$folder/maps.glb"
 }
+is_wide() {
+    unwrap "$folder/strip.gltf" "$folder/strip.glb" 64 && holds wide "$folder/strip.glb" 64 2 &&
+    holds apart "$folder/strip.glb" 64 2 80
+}
 too_small() { ! unwrap "$rich" "$folder/no.glb" "$@" && says larger && [ ! -e "$folder/no.glb" ]; }
 check charts_are_apart fills
 check gap_is_kept wide_gap
 check density_is_right is_dense
 check several_maps makes_maps
+check long_charts_are_wide is_wide
 check a_map_is_too_small too_small 4
 check a_mesh_is_too_large too_small --texel-density 100 --size 64
 
@@ -235,8 +240,13 @@ check says_what_cannot_be_written unwritable
 reads_obj() {
     unwrap examples/scenes/two_rooms.obj "$folder/rooms.glb" 128 && holds apart "$folder/rooms.glb" 128 2 40
 }
+# five walls of nearly equal size: a third of the map would stay empty if all had as many texels down as across
+fills_box() {
+    unwrap examples/scenes/cornell_box.obj "$folder/box.glb" 256 && holds apart "$folder/box.glb" 256 2 80
+}
 if [ -x build/scene_to_gltf ]; then
     check reads_obj reads_obj
+    check equal_walls_fill_the_map fills_box
     check refuses_a_bad_obj refuses "$folder/broken/bad.obj" ''
     check obj_becomes_a_glb eval '! unwrap examples/scenes/two_rooms.obj "$folder/rooms.gltf" 64 && says glb'
 fi

@@ -1,6 +1,6 @@
 // For tests/test_unwrap.sh: makes scenes, and checks what sbl_unwrap has made of them. It shares no code with
 // sbl_unwrap. usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED |
-// same|dense|apart|light|lit|places|kept ARGUMENTS...
+// same|dense|wide|apart|light|lit|places|kept ARGUMENTS...
 'use strict';
 const fs = require('fs');
 const path = require('path');
@@ -210,6 +210,15 @@ const checks = {
             count++;
         }
         assert(count > 4, `only ${count} triangles are large`);
+    },
+
+    // wide FILE SIZE LEAST: the rectangles of all triangles have sides of at least LEAST texels
+    wide(file, size, least) {
+        for (const { t } of triangles(read(file)))
+            for (const k of [0, 1]) {
+                const all = t.map((v) => v[k] * size), side = Math.max(...all) - Math.min(...all);
+                assert(side > least - 0.01, `a triangle is ${side} texels wide`);
+            }
     },
 
     // same BEFORE AFTER: all that a scene says is unchanged, except for the second coordinates
@@ -509,6 +518,17 @@ function square(folder, name, uv) {
     maker.write(path.join(folder, 'usable_twice.gltf'));
 }
 
+// A square, and a strip that is as long and a four hundredth as wide.
+function strip(folder) {
+    const maker = new Maker(), { json } = maker, at = (z, w) => [0, 0, z, 1, 0, z, 1, 0, z - w, 0, 0, z - w];
+    const places = Float32Array.from([...at(0, 1), ...at(3, 0.0025)]);
+    const POSITION = maker.add(places, 'VEC3', { min: [0, 0, -1], max: [1, 0, 3] });
+    const indices = maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7), 'SCALAR');
+    json.meshes = [{ primitives: [{ attributes: { POSITION }, indices }] }];
+    json.nodes = [{ mesh: 0 }];
+    maker.write(path.join(folder, 'strip.gltf'));
+}
+
 // Two squares of one mesh, with and without a place, another one in a second map and one in a second scene; a square
 // without a material, and one without second coordinates. A sun shines from above.
 function mixed(folder) {
@@ -580,6 +600,7 @@ if (what === 'make') {
     rich(folder);
     odd(folder);
     mixed(folder);
+    strip(folder);
     square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
     square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
     square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
