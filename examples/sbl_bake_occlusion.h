@@ -99,7 +99,7 @@ static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progre
     int i, map, status = keep_light(task);
     if (status != DONE) return status;
     for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
-    black.directional = 0;
+    black.directional = black.grouped = 0;
     black.options.mode = SBL_MODE_DIRECT;
     result = set_dark_scene(task, 1, NULL, 0, 0);
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
