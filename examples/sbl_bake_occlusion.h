@@ -3,9 +3,9 @@
 #ifndef SBL_BAKE_OCCLUSION_H
 #define SBL_BAKE_OCCLUSION_H
 
-/* The value to which errors are relative. Most shares are near 1, so that weak shadows would be a small part of their
-   mean. */
-#define OCCLUSION_MEAN 0.25f
+/* The value to which errors are relative: a target error of 0.5 % is an error of 0.005, about a step of the bytes in a
+   .png. */
+#define OCCLUSION_MEAN 1.0f
 
 /* The two maps, and the files of each: .png, which host programs multiply with ambient light, and .exr. */
 enum { OCCLUSION_MAPS = 2, OCCLUSION_FILES = 4 };
