@@ -60,6 +60,12 @@ static inline int bake_fact(bake_facts *f, int fact, const char *text) {
     return !*text;
 }
 
+/* The light groups of a bake, in the order of their light in the file. One more name fits than groups are allowed. */
+enum { BAKE_GROUP_NAME = 48 };
+typedef struct bake_groups { int count; char names[SBL_MAX_LIGHT_GROUPS + 1][BAKE_GROUP_NAME]; } bake_groups;
+
+static const char bake_letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";  /* of names */
+
 /* ---- writing ---- */
 
 /* The grid of probes. All 0: the positions were listed. place: where it is, as a line of the file */
@@ -97,7 +103,8 @@ static const char *const bake_probes_about[] = {
 };
 
 /* Writes what precedes the probes. facts: NULL: the file is the whole */
-static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const bake_grid *grid) {
+static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const bake_grid *grid,
+    const bake_groups *groups) {
     int i;
     fprintf(out, "{");
     for (i = 0; i < BAKE_TEXTS && facts; i++)
@@ -109,6 +116,8 @@ static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, cons
                 grid->count[2], grid->place);
     for (i = 0; bake_probes_about[i]; i++)
         fprintf(out, "%s", bake_probes_about[i] + (i == 0 && !facts && !grid->count[0]));
+    for (i = 0; i < groups->count; i++) fprintf(out, "%s\"%s\"", i ? ", " : " \"groups\": [", groups->names[i]);
+    if (groups->count) fprintf(out, "],\n");
     fprintf(out, " \"probes\": [");
 }
 
@@ -119,36 +128,47 @@ static inline void bake__put_numbers(FILE *out, const char *name, const float *n
     fputc(']', out);
 }
 
-static inline void bake__put_colors(FILE *out, const char *name, const float (*colors)[3], int count) {
+/* words: what precedes the colours */
+static inline void bake__put_colors(FILE *out, const char *words, const float (*colors)[3], int count) {
     int i;
-    fprintf(out, ", \"%s\": [", name);
+    fprintf(out, "%s: [", words);
     for (i = 0; i < count; i++)
         fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1],
                 (double)colors[i][2]);
     fputc(']', out);
 }
 
-/* Writes a probe as a line; bake__is_probe checks such lines. first: 1: it is the first of the file */
-static inline void bake_put_probe(FILE *out, const sbl_probe *q, int first) {
-    fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", first ? "" : ",", (double)q->position[0],
+/* Writes a probe as a line, without the end of the line; bake__is_probe checks such lines. parts: its light groups */
+static inline void bake_put_probe(FILE *out, const sbl_probe *q, const bake_groups *groups, const sbl_probe *parts) {
+    int i;
+    fprintf(out, "  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", (double)q->position[0],
             (double)q->position[1], (double)q->position[2], q->valid ? "true" : "false");
-    bake__put_colors(out, "sh", q->sh, 9);
-    bake__put_colors(out, "cube", q->cube, 6);
+    bake__put_colors(out, ", \"sh\"", q->sh, 9);
+    bake__put_colors(out, ", \"cube\"", q->cube, 6);
     fprintf(out, ", \"sky\": %.7g", (double)q->sky);
     bake__put_numbers(out, "distance", q->distance, 8);
     bake__put_numbers(out, "distance_squared", q->distance_squared, 8);
-    fprintf(out, ", \"back_share\": %.7g}", (double)q->back_share);
+    fprintf(out, ", \"back_share\": %.7g", (double)q->back_share);
+    for (i = 0; i < groups->count; i++) {
+        fprintf(out, "%s\"%s\": ", i ? ", " : ", \"groups\": {", groups->names[i]);
+        bake__put_colors(out, "{\"sh\"", parts[i].sh, 9);
+        bake__put_colors(out, ", \"cube\"", parts[i].cube, 6);
+        fputc('}', out);
+    }
+    fprintf(out, groups->count ? "}}" : "}");
 }
 
 static const char bake_probes_end[] = "]}\n";  /* on a line of its own */
 
-enum { BAKE_VERTEX = 36, BAKE_FACE = 13 };  /* bytes in a .ply: nine floats; 3 and three numbers of vertices */
+/* Bytes in a .ply: nine floats, and three for each light group; 3 and three numbers of vertices. */
+enum { BAKE_VERTEX = 36, BAKE_GROUP = 12, BAKE_FACE = 13 };
 
 static const char *const bake_properties[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g",
     "radiance_b" };
 
 /* Writes what precedes the vertices. facts: NULL: the file is the whole */
-static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, double vertices, double faces) {
+static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, const bake_groups *groups,
+    double vertices, double faces) {
     int i;
     fprintf(out, "ply\nformat binary_little_endian 1.0\n");
     for (i = 0; i < BAKE_TEXTS && facts; i++)
@@ -157,6 +177,8 @@ static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, do
         fprintf(out, "comment sbl.%s %d\n", bake_range_names[i], facts->range[i]);
     fprintf(out, "comment radiance: irradiance over pi\nelement vertex %.0f\n", vertices);
     for (i = 0; i < 9; i++) fprintf(out, "property float %s\n", bake_properties[i]);
+    for (i = 0; i < 3 * groups->count; i++)
+        fprintf(out, "property float radiance_%s_%c\n", groups->names[i / 3], "rgb"[i % 3]);
     fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", faces);
 }
 
@@ -175,6 +197,7 @@ typedef struct bake_parts {
     int *order;           /* the index of part K is order[K - 1]; NULL before bake_check */
     int room, total;
     bake_grid grid;
+    bake_groups groups;
     double vertices, faces;
     const volatile sig_atomic_t *cancel;  /* joining ends if it is not 0 */
 } bake_parts;
@@ -203,6 +226,11 @@ static inline FILE *bake__open(bake_parts *b, int index) {
     parts__fail(&b->list, "%s: %s", name, strerror(errno));
     close(handle);
     return NULL;
+}
+
+/* Returns the number of bytes of a vertex. */
+static inline size_t bake__vertex_size(const bake_parts *b) {
+    return BAKE_VERTEX + BAKE_GROUP * (size_t)b->groups.count;
 }
 
 static inline int bake__damaged(bake_parts *b, int index) {
@@ -270,13 +298,17 @@ static inline int bake__colors(const char **at, const char *words, int count) {
     return ok && bake__skip(at, "]");
 }
 
-/* Skips a probe that bake_put_probe has written, without the ends of its line. */
-static inline int bake__is_probe(const char **at) {
-    return bake__numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
-           (bake__skip(at, "true") || bake__skip(at, "false")) && bake__colors(at, ", \"sh\": ", 9) &&
-           bake__colors(at, ", \"cube\": ", 6) && bake__number(at, ", \"sky\": ") &&
-           bake__numbers(at, ", \"distance\": ", 8) && bake__numbers(at, ", \"distance_squared\": ", 8) &&
-           bake__number(at, ", \"back_share\": ") && bake__skip(at, "}");
+/* Skips a probe that bake_put_probe has written. */
+static inline int bake__is_probe(const char **at, const bake_groups *groups) {
+    int i, ok = bake__numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
+             (bake__skip(at, "true") || bake__skip(at, "false")) && bake__colors(at, ", \"sh\": ", 9) &&
+             bake__colors(at, ", \"cube\": ", 6) && bake__number(at, ", \"sky\": ") &&
+             bake__numbers(at, ", \"distance\": ", 8) && bake__numbers(at, ", \"distance_squared\": ", 8) &&
+             bake__number(at, ", \"back_share\": ");
+    for (i = 0; i < groups->count && ok; i++)
+        ok = bake__skip(at, i ? ", \"" : ", \"groups\": {\"") && bake__skip(at, groups->names[i]) &&
+             bake__colors(at, "\": {\"sh\": ", 9) && bake__colors(at, ", \"cube\": ", 6) && bake__skip(at, "}");
+    return ok && bake__skip(at, groups->count ? "}}" : "}");
 }
 
 /* ---- heads ---- */
@@ -314,20 +346,48 @@ static inline int bake__read_facts(const char *line, bake_facts *facts, int *beg
     return ok && strcmp(at, "},\n") == 0;
 }
 
+/* Adds a light group with a name of `length` characters. Returns whether that is possible. */
+static inline int bake__add_group(bake_groups *groups, const char *name, size_t length) {
+    if (groups->count >= SBL_MAX_LIGHT_GROUPS || length < 1 || length >= BAKE_GROUP_NAME) return 0;
+    memcpy(groups->names[groups->count++], name, length);
+    return 1;
+}
+
+/* Reads the line of the light groups of probes, from its first name on. */
+static inline int bake__read_groups(const char *at, bake_groups *groups) {
+    do {
+        const size_t length = bake__skip(&at, "\"") ? strspn(at, bake_letters) : 0;
+        if (!bake__add_group(groups, at, length)) return 0;
+        at += length;
+    } while (bake__skip(&at, "\", "));
+    return strcmp(at, "\"],\n") == 0;
+}
+
+/* Keeps the light groups of the first file. Returns whether those of others are the same. */
+static inline int bake__same_groups(bake_parts *b, const bake_groups *groups) {
+    if (b->list.count == 1) b->groups = *groups;
+    return memcmp(&b->groups, groups, sizeof *groups) == 0;
+}
+
 /* Reads what precedes the probes. begun: receives 1 if the file begins like a part. */
 static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
     char line[BAKE_LINE];
     const char *at = line;
     bake_grid grid;
+    bake_groups groups;
     int i, ok;
     memset(&grid, 0, sizeof grid);
+    memset(&groups, 0, sizeof groups);
     *begun = 0;
     ok = bake__line(in, line) && bake__read_facts(line, facts, begun) && bake__line(in, line);
     if (ok && bake__skip(&at, " \"grid\": ["))
         ok = bake__read_grid(at, facts->range[BAKE_TOTAL], &grid) && bake__line(in, line);
     for (i = 0; bake_probes_about[i] && ok; i++) ok = strcmp(line, bake_probes_about[i]) == 0 && bake__line(in, line);
+    at = line;
+    if (ok && bake__skip(&at, " \"groups\": [")) ok = bake__read_groups(at, &groups) && bake__line(in, line);
     if (b->list.count == 1) b->grid = grid;
-    return ok && memcmp(&b->grid, &grid, sizeof grid) == 0 && strcmp(line, " \"probes\": [\n") == 0;
+    return bake__same_groups(b, &groups) && ok && memcmp(&b->grid, &grid, sizeof grid) == 0 &&
+           strcmp(line, " \"probes\": [\n") == 0;
 }
 
 /* Reads a line that consists of words and a number. */
@@ -344,13 +404,33 @@ static inline int bake__is_line(FILE *in, const char *words) {
     return bake__line(in, line) && bake__skip(&at, words) && strcmp(at, "\n") == 0;
 }
 
+/* Reads the properties of the light groups of vertices. Stops at the first line that is none. */
+static inline int bake__read_properties(FILE *in, bake_groups *groups) {
+    char line[BAKE_LINE], words[BAKE_GROUP_NAME + 32];
+    for (;;) {
+        const off_t begin = ftello(in);
+        const char *at = line;
+        size_t length;
+        if (!bake__line(in, line)) return 0;
+        if (!bake__skip(&at, "property float radiance_")) return fseeko(in, begin, SEEK_SET) == 0;
+        length = strspn(at, bake_letters);
+        if (length < 3 || strcmp(at + length - 2, "_r\n") != 0 || !bake__add_group(groups, at, length - 2)) return 0;
+        snprintf(words, sizeof words, "property float radiance_%s_g", groups->names[groups->count - 1]);
+        if (!bake__is_line(in, words)) return 0;
+        words[strlen(words) - 1] = 'b';
+        if (!bake__is_line(in, words)) return 0;
+    }
+}
+
 /* Reads what precedes the vertices, and checks the size of the file. begun: receives 1 if the file begins like a part.
    */
-static inline int bake__read_vertices_head(FILE *in, bake_facts *facts, bake_part *part, int *begun) {
+static inline int bake__read_vertices_head(bake_parts *b, FILE *in, bake_facts *facts, bake_part *part, int *begun) {
     char line[BAKE_LINE], words[64];
+    bake_groups groups;
     struct stat info;
     int i, ok = bake__is_line(in, "ply") && bake__is_line(in, "format binary_little_endian 1.0");
     *begun = 0;
+    memset(&groups, 0, sizeof groups);
     for (i = 0; i < BAKE_TEXTS && ok; i++) {
         const char *at = line;
         snprintf(words, sizeof words, "comment sbl.%s ", bake_names[i]);
@@ -367,10 +447,10 @@ static inline int bake__read_vertices_head(FILE *in, bake_facts *facts, bake_par
         snprintf(words, sizeof words, "property float %s", bake_properties[i]);
         ok = bake__is_line(in, words);
     }
-    ok = ok && bake__counted(in, "element face ", &part->faces) &&
+    ok = ok && bake__read_properties(in, &groups) && bake__counted(in, "element face ", &part->faces) &&
          bake__is_line(in, "property list uchar int vertex_indices") && bake__is_line(in, "end_header");
-    return ok && fstat(fileno(in), &info) == 0 &&
-           (double)info.st_size == (double)ftello(in) + (double)BAKE_VERTEX * part->vertices +
+    return bake__same_groups(b, &groups) && ok && fstat(fileno(in), &info) == 0 &&
+           (double)info.st_size == (double)ftello(in) + (double)bake__vertex_size(b) * part->vertices +
                                    (double)BAKE_FACE * part->faces;
 }
 
@@ -381,7 +461,7 @@ static inline int bake__head(bake_parts *b, FILE *in, bake_part *part) {
     const part_file *file = &b->list.files[index];
     int begun, ok;
     memset(&facts, 0, sizeof facts);
-    ok = b->is_ply ? bake__read_vertices_head(in, &facts, part, &begun)
+    ok = b->is_ply ? bake__read_vertices_head(b, in, &facts, part, &begun)
                    : bake__read_probes_head(b, in, &facts, &begun);
     if (!begun)
         return parts__fail(&b->list, "%s: not a part made by sbl_bake --%s --part", file->name,
@@ -445,12 +525,12 @@ static inline int bake_check(bake_parts *b) {
 /* ---- joining ---- */
 
 /* Copies the probes of a part. first: 1: they are the first of the whole */
-static inline int bake__copy_probes(const bake_part *part, FILE *in, FILE *out, int first) {
+static inline int bake__copy_probes(const bake_parts *b, const bake_part *part, FILE *in, FILE *out, int first) {
     char line[BAKE_LINE];
     int i;
     for (i = 0; i < part->count; i++) {
         const char *at = line;
-        if (!bake__line(in, line) || !bake__is_probe(&at)) return 0;
+        if (!bake__line(in, line) || !bake__is_probe(&at, &b->groups)) return 0;
         if (strcmp(at, i + 1 < part->count ? ",\n" : "\n") != 0) return 0;
         fprintf(out, "%s\n%.*s", i || !first ? "," : "", (int)(at - line), line);
     }
@@ -459,13 +539,14 @@ static inline int bake__copy_probes(const bake_part *part, FILE *in, FILE *out, 
 
 enum { BAKE_BLOCK = 4096 };  /* vertices or faces that are copied at a time */
 
-static inline int bake__copy_vertices(const bake_part *part, FILE *in, FILE *out) {
-    static unsigned char bytes[BAKE_BLOCK * BAKE_VERTEX];
+static inline int bake__copy_vertices(const bake_parts *b, const bake_part *part, FILE *in, FILE *out) {
+    static unsigned char bytes[BAKE_BLOCK * (BAKE_VERTEX + SBL_MAX_LIGHT_GROUPS * BAKE_GROUP)];
+    const size_t size = bake__vertex_size(b);
     int i, count;
     for (i = 0; i < part->vertices; i += count) {
         count = part->vertices - i < BAKE_BLOCK ? part->vertices - i : BAKE_BLOCK;
-        if (fread(bytes, BAKE_VERTEX, (size_t)count, in) != (size_t)count) return 0;
-        fwrite(bytes, BAKE_VERTEX, (size_t)count, out);
+        if (fread(bytes, size, (size_t)count, in) != (size_t)count) return 0;
+        fwrite(bytes, size, (size_t)count, out);
     }
     return 1;
 }
@@ -507,11 +588,11 @@ static inline int bake__copy(bake_parts *b, int what, FILE *out) {
     for (k = 0; k < b->list.count; k++) {
         const int index = b->order[k];
         const bake_part *part = &b->parts[index];
-        const off_t skip = what == BAKE_FACES ? (off_t)BAKE_VERTEX * part->vertices : 0;
+        const off_t skip = what == BAKE_FACES ? (off_t)bake__vertex_size(b) * part->vertices : 0;
         FILE *in = *b->cancel ? NULL : bake__open(b, index);
         int ok = in && fseeko(in, part->body + skip, SEEK_SET) == 0;
-        ok = ok && (what == BAKE_LINES    ? bake__copy_probes(part, in, out, k == 0)
-                  : what == BAKE_VERTICES ? bake__copy_vertices(part, in, out)
+        ok = ok && (what == BAKE_LINES    ? bake__copy_probes(b, part, in, out, k == 0)
+                  : what == BAKE_VERTICES ? bake__copy_vertices(b, part, in, out)
                                           : bake__copy_faces(part, in, out, before));
         if (in) fclose(in);
         if (in && !ok) bake__damaged(b, index);
@@ -525,10 +606,10 @@ static inline int bake__copy(bake_parts *b, int what, FILE *out) {
 static inline int bake_write(FILE *out, const void *what) {
     bake_parts *b = *(bake_parts *const *)what;
     if (b->is_ply) {
-        bake_put_vertices_head(out, NULL, b->vertices, b->faces);
+        bake_put_vertices_head(out, NULL, &b->groups, b->vertices, b->faces);
         return bake__copy(b, BAKE_VERTICES, out) && bake__copy(b, BAKE_FACES, out);
     }
-    bake_put_probes_head(out, NULL, &b->grid);
+    bake_put_probes_head(out, NULL, &b->grid, &b->groups);
     if (!bake__copy(b, BAKE_LINES, out)) return 0;
     fprintf(out, "\n%s", bake_probes_end);
     return 1;

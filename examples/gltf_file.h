@@ -6,7 +6,7 @@
    the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
    from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL, 0, NULL };
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL, 0, 0, NULL, 0, NULL };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -16,42 +16,52 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
+enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of a texture's file name; most parts of radiance */
+
 typedef struct gltf_file {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
     const char *bin;            /* file name of the .bin */
     const char *lightmap;       /* file name of the lightmap, or NULL */
     double intensity;           /* irradiance divided by the linear value of the lightmap */
-    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
+    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE; then
+                                   likewise those of its parts */
+    const char *const *parts;   /* names of the parts of radiance: the attributes _RADIANCE_NAME */
+    int part_count;             /* at most GLTF_PARTS */
+    size_t vertex_count;        /* if there are parts: number of all vertices */
     const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
     int has_lights;             /* 1: the lights of the scene are written as well */
     const float *camera;        /* NULL, or a camera: eye, forward and up, three floats each, and fov_y in degrees */
 } gltf_file;
 
-enum { GLTF_NAME = 32 };  /* size of a texture's file name */
-
 static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }
 
 /* ---- arrays, in the order of the .bin ---- */
 
-enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE, GLTF_INDICES,
-    GLTF_ARRAYS };
+enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE,
+    GLTF_INDICES = GLTF_RADIANCE + 1 + GLTF_PARTS, GLTF_ARRAYS };
 
 typedef struct gltf__array { const void *data; int count, components; } gltf__array;
 
 /* Lists the arrays of a mesh; absent ones get the count 0. first: number of the first vertex of the mesh among all
    vertices. */
 static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gltf__array out[GLTF_ARRAYS]) {
-    const gltf__array all[GLTF_ARRAYS] = {
+    const gltf__array all[] = {
         { m->positions.data, m->vertex_count, 3 }, { m->normals.data, m->vertex_count, 3 },
         { m->texcoords.data, m->vertex_count, 2 }, { m->lightmap_texcoords.data, m->vertex_count, 2 },
-        { m->colors.data, m->vertex_count, 4 }, { f->radiance ? f->radiance + 3 * first : NULL, m->vertex_count, 3 },
-        { m->indices.data, m->index_count, 1 }
+        { m->colors.data, m->vertex_count, 4 }, { f->radiance ? f->radiance + 3 * first : NULL, m->vertex_count, 3 }
     };
+    const gltf__array indices = { m->indices.data, m->index_count, 1 };
     int i;
+    /* glTF forbids a second set of texture coordinates without a first one */
+    for (i = 0; i <= GLTF_RADIANCE; i++) out[i] = all[i == GLTF_TEXCOORD_0 && !all[i].data ? GLTF_TEXCOORD_1 : i];
+    for (; i < GLTF_INDICES; i++) {
+        out[i] = all[GLTF_RADIANCE];
+        out[i].data = i - GLTF_RADIANCE > f->part_count ? NULL
+                    : f->radiance + 3 * (first + (size_t)(i - GLTF_RADIANCE) * f->vertex_count);
+    }
+    out[GLTF_INDICES] = indices;
     for (i = 0; i < GLTF_ARRAYS; i++) {
-        /* glTF forbids a second set of texture coordinates without a first one */
-        out[i] = all[i == GLTF_TEXCOORD_0 && !all[i].data ? GLTF_TEXCOORD_1 : i];
         if (!out[i].data || out[i].count <= 0) out[i].count = 0;
     }
     for (i = 0; i < GLTF_ARRAYS && (!out[GLTF_POSITION].count || !out[GLTF_INDICES].count); i++) out[i].count = 0;
@@ -252,8 +262,8 @@ enum { GLTF__ACCESSORS, GLTF__VIEWS, GLTF__MESHES };
 /* Writes one list over all arrays of all meshes. what: accessors, buffer views, or the meshes that refer to the
    accessors. Returns the number of bytes of all arrays. */
 static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
-    static const char *const attributes[GLTF_ARRAYS] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
-        "_RADIANCE", NULL };
+    static const char *const attributes[] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
+        "_RADIANCE" };
     static const char *const types[5] = { "", "SCALAR", "VEC2", "VEC3", "VEC4" };
     const sbl_mesh *m = f->scene->meshes;
     gltf__array arrays[GLTF_ARRAYS];
@@ -280,7 +290,8 @@ static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
                 if (k == GLTF_POSITION) gltf__put_bounds(out, a);
                 fputc('}', out);
             } else if (k == GLTF_INDICES) fprintf(out, "}, \"indices\": %d", accessor);
-            else fprintf(out, "%s\"%s\": %d", k ? ", " : "", attributes[k], accessor);
+            else if (k <= GLTF_RADIANCE) fprintf(out, "%s\"%s\": %d", k ? ", " : "", attributes[k], accessor);
+            else fprintf(out, ", \"_RADIANCE_%s\": %d", f->parts[k - GLTF_RADIANCE - 1], accessor);
             at += (double)gltf__bytes(a);
             accessor++;
         }

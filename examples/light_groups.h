@@ -1,43 +1,40 @@
 /* The light groups of sbl_bake: reads the list of --light-groups, and gives each light, each emitting mesh and the sky
-   of a scene file the number of its group. Include after sbl.h, tool.h and scene_file.h. */
+   of a scene file the number of its group. Include after sbl.h, tool.h, scene_file.h and bake_parts.h. */
 #ifndef LIGHT_GROUPS_H
 #define LIGHT_GROUPS_H
 
 #include <fnmatch.h>
 
-enum { GROUP_NAME = 48 };
-
 /* The items of the list, in their order. Without the item "rest", sources that match no pattern belong to one more
    group, "rest", if there are such sources. */
 typedef struct light_groups {
-    struct { char name[GROUP_NAME], pattern[128]; int used; } items[SBL_MAX_LIGHT_GROUPS + 1];
-    int count;
+    bake_groups list;
+    struct { char pattern[128]; int used; } items[SBL_MAX_LIGHT_GROUPS + 1];
     char error[256];
 } light_groups;
 
 /* Adds an item. Returns 0, with an error, if the name is not usable or there are too many. */
 static int groups__add(light_groups *g, const char *name, size_t length, const char *pattern, size_t pattern_length) {
     int i;
-    const int fits = length > 0 && length < GROUP_NAME && strspn(name, "abcdefghijklmnopqrstuvwxyz"
-                     "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") >= length;
+    const int fits = length > 0 && length < BAKE_GROUP_NAME && strspn(name, bake_letters) >= length;
     if (!fits || pattern_length < 1 || pattern_length >= sizeof g->items[0].pattern) {
         snprintf(g->error, sizeof g->error, "\"%.*s\": a name has 1 to %d letters, digits, - and _, and a pattern has "
-                 "1 to %d characters", (int)(length + 1 + pattern_length), name, GROUP_NAME - 1,
+                 "1 to %d characters", (int)(length + 1 + pattern_length), name, BAKE_GROUP_NAME - 1,
                  (int)sizeof g->items[0].pattern - 1);
         return 0;
     }
-    for (i = 0; i < g->count; i++)
-        if (strlen(g->items[i].name) == length && strncmp(g->items[i].name, name, length) == 0) {
-            snprintf(g->error, sizeof g->error, "there are two groups %s", g->items[i].name);
+    for (i = 0; i < g->list.count; i++)
+        if (strlen(g->list.names[i]) == length && strncmp(g->list.names[i], name, length) == 0) {
+            snprintf(g->error, sizeof g->error, "there are two groups %s", g->list.names[i]);
             return 0;
         }
-    if (g->count >= SBL_MAX_LIGHT_GROUPS) {
+    if (g->list.count >= SBL_MAX_LIGHT_GROUPS) {
         snprintf(g->error, sizeof g->error, "there are more than %d groups", SBL_MAX_LIGHT_GROUPS);
         return 0;
     }
-    memcpy(g->items[g->count].name, name, length);
-    memcpy(g->items[g->count].pattern, pattern, pattern_length);
-    g->count++;
+    memcpy(g->list.names[g->list.count], name, length);
+    memcpy(g->items[g->list.count].pattern, pattern, pattern_length);
+    g->list.count++;
     return 1;
 }
 
@@ -56,14 +53,14 @@ static int groups_read(light_groups *g, const char *list) {
 /* Returns the number of the group of a source: of the first pattern that matches its name, or of "rest". */
 static int groups__find(light_groups *g, const char *name) {
     int i;
-    for (i = 0; i < g->count; i++)
+    for (i = 0; i < g->list.count; i++)
         if (fnmatch(g->items[i].pattern, name, 0) == 0) break;
-    if (i == g->count)
-        for (i = 0; i < g->count && strcmp(g->items[i].name, "rest") != 0; i++) {}
-    if (i == g->count && g->count <= SBL_MAX_LIGHT_GROUPS) {  /* more than allowed: groups_assign tells it */
-        snprintf(g->items[i].name, sizeof g->items[i].name, "rest");
+    if (i == g->list.count)
+        for (i = 0; i < g->list.count && strcmp(g->list.names[i], "rest") != 0; i++) {}
+    if (i == g->list.count && g->list.count <= SBL_MAX_LIGHT_GROUPS) {  /* more than allowed: groups_assign tells it */
+        snprintf(g->list.names[i], sizeof g->list.names[i], "rest");
         snprintf(g->items[i].pattern, sizeof g->items[i].pattern, "rest");
-        g->count++;
+        g->list.count++;
     }
     g->items[i].used++;
     return i;
@@ -100,20 +97,20 @@ static int groups_assign(light_groups *g, scene_file *file, sbl_material **mater
     for (i = 0; i < scene->light_count; i++) lights[i].light_group = groups__find(g, file->light_names[i]);
     scene->sky_group = groups__find(g, "sky");
     free(place);
-    if (g->count > SBL_MAX_LIGHT_GROUPS) {
+    if (g->list.count > SBL_MAX_LIGHT_GROUPS) {
         snprintf(g->error, sizeof g->error, "with the group \"rest\" there are more than %d groups",
                  SBL_MAX_LIGHT_GROUPS);
         return 0;
     }
-    for (i = 0; i < g->count; i++)
-        if (!g->items[i].used && strcmp(g->items[i].name, "rest") != 0) {
+    for (i = 0; i < g->list.count; i++)
+        if (!g->items[i].used && strcmp(g->list.names[i], "rest") != 0) {
             snprintf(g->error, sizeof g->error, "no light, emitting mesh or sky has a name like \"%s\"",
                      g->items[i].pattern);
             return 0;
         }
     scene->materials = *materials;
     scene->material_count = count;
-    scene->light_groups = g->count;
+    scene->light_groups = g->list.count;
     return 1;
 }
 

@@ -132,9 +132,11 @@ static const tool_option table[OPTION_COUNT] = {
              "directions\n"
              "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
              "all. They are\n"
-             "continued into the gutters; .png holds linear bytes. Takes about as long as a map in mode gi. The map "
-             "must be\n"
-             "baked at once: without --part and --join, and not in windows" },
+             "continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% is "
+             "0.005. Takes\n"
+             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without --part "
+             "and --join,\n"
+             "and not in windows" },
     [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
                       "channels R, G,\n"
@@ -152,14 +154,16 @@ static const tool_option table[OPTION_COUNT] = {
                       "texels;\n"
                       "default 1" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
-                       "with --lightmap: also writes the light of each group of sources, from the same rays: "
-                       "atlas_NAME,\n"
-                       "in the formats of atlas. The sum of all groups is atlas. A source is a light or an emitting\n"
-                       "mesh, both with the name of their node, or the sky, named sky. It belongs to the first group\n"
-                       "whose pattern matches its name (with * ? and [], as in a shell); NAME alone is its own "
-                       "pattern; what no\n"
-                       "pattern matches belongs to the group rest. At most 8 groups. Not with --directional, --part, "
-                       "--join" },
+                       "also writes the light of each group of sources, from the same rays. The sum of all groups is "
+                       "the whole:\n"
+                       "--lightmap   atlas_NAME, in the formats of atlas; not with --directional\n"
+                       "--vertices   radiance_NAME_r, _g and _b in a .ply, attribute _RADIANCE_NAME in a .gltf\n"
+                       "--probes     sh and cube in the object groups of each probe, under NAME\n"
+                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, named "
+                       "sky. It\n"
+                       "belongs to the first group whose pattern matches its name (with * ? and [], as in a shell); "
+                       "NAME alone\n"
+                       "is its own pattern; what no pattern matches belongs to the group rest. At most 8 groups" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
                        "divided\n"
@@ -240,7 +244,7 @@ static const tool_option table[OPTION_COUNT] = {
                "gutters and\n"
                "seams of the whole map. Give the options of the parts, without --part, --plan and --store. --memory "
                "must allow\n"
-               "about 42 bytes for each texel, or 90 with --directional" },
+               "about 42 bytes for each texel, 90 with --directional, 12 more with each light group" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
                  "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
                  "than\n"
@@ -257,7 +261,6 @@ static const tool_line lines[] = {
     { LIGHTMAP, "a map of N x N texels, into a folder" },
     { MAP, NULL },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
-    { LIGHT_GROUPS, NULL },
     { AO, "also ambient occlusion and sky visibility" },
     { SHADOW_MASK, NULL },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
@@ -266,6 +269,7 @@ static const tool_line lines[] = {
     { MOVE, NULL },
     { CUBEMAPS, "what reflections see, into a folder: .ktx2 and .exr" },
     { CUBEMAP, NULL },
+    { LIGHT_GROUPS, NULL },
     { PART, "bakes only the K-th of N parts" },
     { PLAN, NULL },
     { JOIN, "joins the parts of a map" },
@@ -354,10 +358,10 @@ static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN,
-        RESUME, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, PLAN, JOIN, RESUME,
+        TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 13 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 12 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -392,8 +396,8 @@ static int parse(int argc, char **argv) {
         return misuse("--shadow-mask needs rays; leave out --backend raster");
     if (given[CUBEMAPS] && given[PART])
         return misuse("--part joins no cube maps; give each machine a LIST of its own with --cubemaps");
-    if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[PART] || given[JOIN]))
-        return misuse("--light-groups works neither with --directional nor with --part and --join");
+    if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[CUBEMAPS]))
+        return misuse("--light-groups does not work with %s", given[DIRECTIONAL] ? "--directional" : "--cubemaps");
     if (given[LIGHT_GROUPS] && !groups_read(&groups, options.light_groups))
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
@@ -430,6 +434,12 @@ static int find_file(void) {
     output_find(&targets[ONE_FILE], common.output);
     target_count = ONE_FILE + 1;
     return targets_check(target_count, given);
+}
+
+/* Gives the sources of the scene their light groups, if there are any. Returns the exit status. */
+static int assign_groups(const scene_file *file) {
+    if (!given[LIGHT_GROUPS] || groups_assign(&groups, (scene_file *)file, &grouped_materials)) return DONE;
+    return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
 enum { CUBEMAPS_MOST = 10000 };  /* greatest number of cube maps */
@@ -510,7 +520,7 @@ typedef struct vertices {
     const sbl_scene_desc *scene;
     const sbl_mesh *meshes;  /* those that are baked, a range of the scene's */
     int mesh_count;
-    float *radiance;
+    float *radiance;         /* R, and then the light of each group */
     size_t count;            /* number of vertices in these meshes */
     double faces;
     gltf_file gltf;
@@ -525,6 +535,7 @@ static int find_vertex_files(const scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
     int status = find_meshes(file);
+    if (status == DONE) status = assign_groups(file);
     if (status != DONE) return status;
     if (!ends_with(common.output, ".gltf")) return DONE;
     snprintf(bin_name, sizeof bin_name, "%.*s.bin", (int)(strlen(base) - 5), base);
@@ -596,8 +607,8 @@ static int write_ply(FILE *out, const void *what) {
     const sbl_mesh *m = v->meshes, *const end = v->meshes + v->mesh_count;
     const float *radiance = v->radiance;
     uint32_t first = 0;
-    int i, k;
-    bake_put_vertices_head(out, given[PART] ? &facts : NULL, (double)v->count, v->faces);
+    int i, k, layer;
+    bake_put_vertices_head(out, given[PART] ? &facts : NULL, &groups.list, (double)v->count, v->faces);
     for (; m < end; m++) {
         double *normals = normals_of(m), at[3];
         if (!normals) return 0;
@@ -605,7 +616,8 @@ static int write_ply(FILE *out, const void *what) {
             transform_point(m->transform, (const float *)m->positions.data + 3 * (size_t)i, at);
             for (k = 0; k < 3; k++) put_float(out, at[k]);
             for (k = 0; k < 3; k++) put_float(out, normals[3 * (size_t)i + (size_t)k]);
-            for (k = 0; k < 3; k++) put_float(out, (double)radiance[k]);
+            for (layer = 0; layer <= groups.list.count; layer++)
+                for (k = 0; k < 3; k++) put_float(out, (double)radiance[3 * v->count * (size_t)layer + (size_t)k]);
         }
         free(normals);
     }
@@ -659,7 +671,8 @@ static void choose_meshes(vertices *v, sbl_vertices_desc *desc, int *list) {
 
 static int bake_vertices(tool_task *task, double *seconds) {
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
-    int *list = (int *)calloc((size_t)facts.range[BAKE_COUNT] + 1, sizeof *list), status;
+    int *list = (int *)calloc((size_t)facts.range[BAKE_COUNT] + 1, sizeof *list), status, k;
+    static const char *names_of_groups[GLTF_PARTS];
     sbl_vertices_desc desc;
     vertices v;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
@@ -669,12 +682,18 @@ static int bake_vertices(tool_task *task, double *seconds) {
     v.scene = &task->file->scene;
     choose_meshes(&v, &desc, list);
     find_facts(task->context, "vertices");
-    v.radiance = (float *)calloc(3 * v.count + 1, sizeof *v.radiance);
+    desc.group_float_count = 3 * v.count * (size_t)groups.list.count;
+    v.radiance = (float *)calloc(3 * v.count + desc.group_float_count + 1, sizeof *v.radiance);
     v.gltf.scene = v.scene;
     v.gltf.names = task->file->names;
     v.gltf.bin = bin_name;
     v.gltf.radiance = v.radiance;
+    for (k = 0; k < groups.list.count; k++) names_of_groups[k] = groups.list.names[k];
+    v.gltf.parts = names_of_groups;
+    v.gltf.part_count = groups.list.count;
+    v.gltf.vertex_count = v.count;
     desc.radiance = v.radiance;
+    if (groups.list.count && v.radiance) desc.groups = v.radiance + 3 * v.count;
     desc.average = given[AVERAGE];
     desc.samples = options.samples;
     if (given[SMOOTHING]) desc.smoothing = zero_or(options.smoothing);
@@ -695,7 +714,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
 
 /* ---- probes ---- */
 
-typedef struct probes { sbl_probe *all; float *positions; int count; bake_grid grid; } probes;
+typedef struct probes { sbl_probe *all, *parts; float *positions; int count; bake_grid grid; } probes;
 
 static probes listed;  /* the positions of the file of --probes */
 
@@ -744,8 +763,11 @@ static int read_positions(void) {
 static int write_probes(FILE *out, const void *what) {
     const probes *p = (const probes *)what;
     int i;
-    bake_put_probes_head(out, given[PART] ? &facts : NULL, &p->grid);
-    for (i = 0; i < p->count; i++) bake_put_probe(out, &p->all[i], i == 0);
+    bake_put_probes_head(out, given[PART] ? &facts : NULL, &p->grid, &groups.list);
+    for (i = 0; i < p->count; i++) {
+        fprintf(out, i ? ",\n" : "\n");
+        bake_put_probe(out, &p->all[i], &groups.list, p->parts + (size_t)i * (size_t)groups.list.count);
+    }
     fprintf(out, "\n%s", bake_probes_end);
     return 1;
 }
@@ -789,9 +811,11 @@ static int bake_probes(tool_task *task, double *seconds) {
     bake_grid_place(&p.grid, bounds.lowest, bounds.highest);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
-    p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
+    p.all = (sbl_probe *)calloc((size_t)p.count * (1 + (size_t)groups.list.count) + 1, sizeof *p.all);
+    p.parts = p.all + (p.all ? p.count : 0);
     if (p.positions) desc.positions = p.positions + 3 * (size_t)desc.first_probe;
     desc.probes = p.all;
+    if (groups.list.count) desc.groups = p.parts;
     desc.probe_count = p.count;
     desc.move = (float)options.move;
     desc.options = common_options(given, &bar);
@@ -828,7 +852,7 @@ int main(int argc, char **argv) {
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)
                : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files, NULL)
                : given[CUBEMAPS]   ? tool_run(start, given, bake_cubemaps, NULL, NULL)
-                                   : tool_run(start, given, bake_probes, NULL, NULL);
+                                   : tool_run(start, given, bake_probes, assign_groups, NULL);
     targets_free();
     free(listed.positions);
     free(grouped_materials);

@@ -37,7 +37,7 @@ static int folder_is_new;  /* 1: this run has created the folder */
 /* Returns whether a picture of the map is written in a format. */
 static int map_is_written(int format, int picture) {
     if (!options.formats.wanted[format]) return 0;
-    if (picture >= MAP_GROUPS) return picture - MAP_GROUPS < groups.count;
+    if (picture >= MAP_GROUPS) return picture - MAP_GROUPS < groups.list.count;
     return picture < MAP_SH || (given[DIRECTIONAL] && map_holds_negative((map_format)format));
 }
 
@@ -97,15 +97,13 @@ static int target_add_more(int number, const char *name) {
 }
 
 /* Gives sources their light groups, and lists the files of each group. Returns the exit status. */
-static int find_groups(scene_file *file) {
-    char name[GROUP_NAME + 32];
-    int format, i, status = DONE;
-    if (!groups_assign(&groups, file, &grouped_materials))
-        return misuse("--light-groups %s: %s", options.light_groups, groups.error);
-    for (format = 0; format < MAP_FORMATS; format++)
-        for (i = 0; i < groups.count && status == DONE; i++) {
+static int find_groups(const scene_file *file) {
+    char name[BAKE_GROUP_NAME + 32];
+    int format, i, status = assign_groups(file);
+    for (format = 0; format < MAP_FORMATS && !given[PART]; format++)
+        for (i = 0; i < groups.list.count && status == DONE; i++) {
             if (!map_is_written(format, MAP_GROUPS + i)) continue;
-            snprintf(name, sizeof name, "atlas_%s%s", groups.items[i].name, map_endings[format]);
+            snprintf(name, sizeof name, "atlas_%s%s", groups.list.names[i], map_endings[format]);
             status = target_add_more(MAPS + format * MAP_PICTURES + MAP_GROUPS + i, name);
         }
     return status;
@@ -125,7 +123,7 @@ static int find_more_files(const scene_file *file) {
     if (!mapped)
         return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); sbl_unwrap makes them", common.scene);
     status = given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
-    if (status == DONE && given[LIGHT_GROUPS]) status = find_groups((scene_file *)file);
+    if (status == DONE) status = find_groups(file);
     if (status == DONE && given[AO]) status = find_occlusion_files();
     return status == DONE && given[SHADOW_MASK] ? find_shadow_files(file) : status;
 }
@@ -382,7 +380,7 @@ static int bake_whole(map_bake *b, double *seconds) {
     if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_FINAL, &l->atlas);
     for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
         result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_SH_0 + i), &l->harmonics[i]);
-    for (i = 0; i < groups.count && result == SBL_SUCCESS; i++)
+    for (i = 0; i < groups.list.count && result == SBL_SUCCESS; i++)
         result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_GROUP_0 + i), &l->groups[i]);
     if (result == SBL_SUCCESS) result = read_overlap(context, l, size);
     if (result == SBL_SUCCESS && !describe_scene(b)) result = SBL_ERROR_OUT_OF_MEMORY;
@@ -394,13 +392,21 @@ static int bake_whole(map_bake *b, double *seconds) {
 /* ---- baking in windows ---- */
 
 /* The components of the .exr file of a window: R; 1 where there is a surface, otherwise 0; the number of triangles that
-   overlap the one that the texel shows; with --directional, the harmonics. */
-enum { MAP_ALPHA = 3, MAP_OVERLAP, MAP_PLAIN, MAP_DIRECTIONAL = MAP_PLAIN + 12 };
-static const char *const map_channels[MAP_DIRECTIONAL] = { "R", "G", "B", "A", "overlap",
-    "sh_0.R", "sh_0.G", "sh_0.B", "sh_1.R", "sh_1.G", "sh_1.B", "sh_2.R", "sh_2.G", "sh_2.B", "sh_3.R", "sh_3.G",
-    "sh_3.B" };
+   overlap the one that the texel shows; then three for each layer of light: the harmonics of --directional, or the
+   groups of --light-groups. */
+enum { MAP_ALPHA = 3, MAP_OVERLAP, MAP_PLAIN };
+#define MAP_COLORS(name) name ".R", name ".G", name ".B"
+static const char *const map_channels[2][MAP_PLAIN + 3 * SBL_MAX_LIGHT_GROUPS] = {
+    { "R", "G", "B", "A", "overlap", MAP_COLORS("sh_0"), MAP_COLORS("sh_1"), MAP_COLORS("sh_2"), MAP_COLORS("sh_3") },
+    { "R", "G", "B", "A", "overlap", MAP_COLORS("group_0"), MAP_COLORS("group_1"), MAP_COLORS("group_2"),
+      MAP_COLORS("group_3"), MAP_COLORS("group_4"), MAP_COLORS("group_5"), MAP_COLORS("group_6"),
+      MAP_COLORS("group_7") }
+};
 
-static int map_components(void) { return given[DIRECTIONAL] ? MAP_DIRECTIONAL : MAP_PLAIN; }
+/* Returns the number of layers besides R. */
+static int map_layers(void) { return given[DIRECTIONAL] ? 4 : groups.list.count; }
+
+static int map_components(void) { return MAP_PLAIN + 3 * map_layers(); }
 
 /* Returns a hash of the scene and of all lightmap_texcoords, on which the bounced light and so the fingerprint of the
    scene do not depend. */
@@ -444,7 +450,7 @@ static int look_at_map(void *user, plan_cost *cost) {
     sbl_result result;
     small.width = small.height = (int)ceil(across / shrink);
     small.supersample = 1;
-    small.directional = 0;
+    small.directional = small.grouped = 0;
     small.gutter = -1;
     memset(small.window, 0, sizeof small.window);
     result = sbl_begin_lightmap(b->task->context, &small);
@@ -499,15 +505,16 @@ static sbl_result bake_window(void *user, const int window[4]) {
     out->height = window[3];
     out->whole[0] = out->whole[1] = options.lightmap;
     out->components = map_components();
-    out->channels = map_channels;
+    out->channels = map_channels[given[LIGHT_GROUPS]];
     out->facts = b->windows.work.facts;
     out->values = (float *)malloc((size_t)out->width * (size_t)out->height * (size_t)out->components * sizeof(float));
     if (!out->values) return SBL_ERROR_OUT_OF_MEMORY;
     result = read_component(b, SBL_CHANNEL_RADIANCE, 0);
     if (result == SBL_SUCCESS) result = read_component(b, SBL_CHANNEL_ID, MAP_ALPHA);
     if (result == SBL_SUCCESS) result = read_component(b, SBL_CHANNEL_OVERLAP, MAP_OVERLAP);
-    for (k = 0; k < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; k++)
-        result = read_component(b, (sbl_channel)(SBL_CHANNEL_SH_0 + k), MAP_PLAIN + 3 * k);
+    for (k = 0; k < map_layers() && result == SBL_SUCCESS; k++)
+        result = read_component(b, (sbl_channel)((given[DIRECTIONAL] ? SBL_CHANNEL_SH_0 : SBL_CHANNEL_GROUP_0) + k),
+                                MAP_PLAIN + 3 * k);
     return result;
 }
 
@@ -519,7 +526,8 @@ static int write_window(FILE *out, const void *what) {
 
 /* The whole map that the windows are joined to. */
 typedef struct joined_map {
-    float *light[5], *alpha;      /* R and harmonics, 3 floats per texel; 1 where there is a surface */
+    float *light[1 + SBL_MAX_LIGHT_GROUPS];  /* R and the layers, 3 floats per texel */
+    float *alpha;                 /* 1 where there is a surface */
     unsigned char *overlap;       /* per texel: 1 if triangles overlap there */
     int any_overlap, shown;       /* shown: number of texels that show a surface */
 } joined_map;
@@ -535,14 +543,14 @@ static void spread_band(joined_map *j, const float *band, size_t first, size_t t
         j->shown += band[MAP_ALPHA] > 0;
         j->overlap[i] = band[MAP_OVERLAP] > 0;
         j->any_overlap |= j->overlap[i];
-        for (k = 1; k < 5 && j->light[k]; k++) memcpy(j->light[k] + 3 * i, band + MAP_PLAIN + 3 * (k - 1), 12);
+        for (k = 1; k <= map_layers(); k++) memcpy(j->light[k] + 3 * i, band + MAP_PLAIN + 3 * (k - 1), 12);
     }
 }
 
 /* Returns DONE if --memory allows the whole map to be joined; otherwise the exit status. */
 static int check_memory(const map_bake *b) {
     const double size = options.lightmap, most = (double)b->task->file->memory;
-    const double bytes = (given[DIRECTIONAL] ? 90.0 : 42.0) * size * size;  /* of joined_map and its gutters */
+    const double bytes = (42.0 + 12 * map_layers()) * size * size;  /* of joined_map and its gutters */
     if (bytes <= most) return DONE;
     return fail("the map of %.0f x %.0f texels needs about %.0f MB to be joined, and --memory allows %.0f MB; give "
                 "more --memory, or make parts (--part) and join them on a larger machine", size, size, bytes / 1e6,
@@ -551,14 +559,14 @@ static int check_memory(const map_bake *b) {
 
 /* Allocates the arrays of the map, and reads the windows into them. Returns the exit status. */
 static int read_windows(joined_map *j, picture_parts *parts) {
-    const int size = options.lightmap, region[4] = { 0, 0, size, size }, layers = given[DIRECTIONAL] ? 5 : 1;
+    const int size = options.lightmap, region[4] = { 0, 0, size, size };
     const size_t texels = (size_t)size * (size_t)size;
     float *band = (float *)malloc((size_t)size * PARTS_BAND * (size_t)map_components() * sizeof *band);
     int y, k, ok = band != NULL;
     j->alpha = (float *)malloc(texels * sizeof *j->alpha);
     j->overlap = (unsigned char *)malloc(texels);
     ok = ok && j->alpha && j->overlap;
-    for (k = 0; k < layers; k++) ok = (j->light[k] = (float *)malloc(12 * texels)) != NULL && ok;
+    for (k = 0; k <= map_layers(); k++) ok = (j->light[k] = (float *)malloc(12 * texels)) != NULL && ok;
     if (!ok) {
         free(band);
         return fail("out of memory: the whole map of %d x %d texels must fit into it to be joined", size, size);
@@ -596,7 +604,8 @@ static sbl_result join_map(map_bake *b, joined_map *j) {
     memset(&desc, 0, sizeof desc);
     desc.lightmap = b->desc;
     desc.ids = j->alpha;
-    memcpy(desc.light, j->light, sizeof desc.light);
+    memcpy(desc.light, j->light, given[LIGHT_GROUPS] ? sizeof *desc.light : sizeof desc.light);
+    memcpy(desc.groups, j->light + 1, sizeof desc.groups);
     desc.texel_count = (size_t)options.lightmap * (size_t)options.lightmap;
     result = sbl_begin_windows(b->task->context, &desc);
     return result == SBL_SUCCESS ? work(b->task->context) : result;
@@ -626,9 +635,10 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     l->light.width = l->light.height = options.lightmap;
     l->light.components = 3;
     l->atlas = l->light;
-    for (k = 0; k < 4 && given[DIRECTIONAL]; k++) {
-        l->harmonics[k] = l->light;
-        l->harmonics[k].values = j.light[k + 1];
+    for (k = 0; k < map_layers(); k++) {
+        image *layer = given[DIRECTIONAL] ? &l->harmonics[k] : &l->groups[k];
+        *layer = l->light;
+        layer->values = j.light[k + 1];
     }
     if (status == DONE && (!describe_scene(b) || !show_overlap(&j, &l->overlap))) status = fail("out of memory");
     if (status == DONE) status = keep_files(l, 0);
@@ -667,7 +677,7 @@ static int join_folder(map_bake *b, double *seconds) {
     sbl_stats *stats = &b->task->stats;
     char **files;
     int i, count = 0, status = DONE, ok;
-    parts.frame.channels = map_channels;
+    parts.frame.channels = map_channels[given[LIGHT_GROUPS]];
     parts.frame.components = map_components();
     files = parts_folder(&parts.list, options.join, ".exr", &count);
     ok = files != NULL;
@@ -730,7 +740,7 @@ static int divide_map(map_bake *b) {
     folder.path = path;
     w->target = given[PART] ? &targets[ONE_FILE] : &folder;
     w->size[0] = w->size[1] = w->region[2] = w->region[3] = options.lightmap;
-    w->channels = map_channels;
+    w->channels = map_channels[given[LIGHT_GROUPS]];
     w->components = map_components();
     w->user = b;
     w->bytes = map_window_bytes;
@@ -739,11 +749,7 @@ static int divide_map(map_bake *b) {
     w->make = bake_window;
     w->write = write_window;
     find_map_facts(b);
-    if (status != DONE || given[JOIN]) return status;
-    if (given[LIGHT_GROUPS] && (windows__divide(w) != DONE || w->work.count > 1))
-        return fail("--light-groups: this map would be baked in windows, which have no light groups; make it smaller, "
-                    "or give more --memory");
-    return windows_choose(w);
+    return status != DONE || given[JOIN] ? status : windows_choose(w);
 }
 
 static int bake_lightmap(tool_task *task, double *seconds) {

@@ -3,9 +3,9 @@
 #ifndef SBL_BAKE_OCCLUSION_H
 #define SBL_BAKE_OCCLUSION_H
 
-/* The value to which errors are relative. Most shares are near 1, so that weak shadows would be a small part of their
-   mean. */
-#define OCCLUSION_MEAN 0.25f
+/* The value to which errors are relative: a target error of 0.5 % is an error of 0.005, about a step of the bytes in a
+   .png. */
+#define OCCLUSION_MEAN 1.0f
 
 /* The two maps, and the files of each: .png, which host programs multiply with ambient light, and .exr. */
 enum { OCCLUSION_MAPS = 2, OCCLUSION_FILES = 4 };
@@ -99,7 +99,7 @@ static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progre
     int i, map, status = keep_light(task);
     if (status != DONE) return status;
     for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
-    black.directional = 0;
+    black.directional = black.grouped = 0;
     black.options.mode = SBL_MODE_DIRECT;
     result = set_dark_scene(task, 1, NULL, 0, 0);
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {

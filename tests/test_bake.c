@@ -333,9 +333,9 @@ TEST(occlusion_beside_the_light) {
     static const char *const names[2] = { "occluded/sky.png", "occluded/ao.png" };
     int file, x, y, wide, high, parts;
     write_scene("room.gltf", apart, 1);
-    REQUIRE(TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "lit", "--store", "a.light") == 0 &&
-            TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "occluded", "--store", "b.light", "--ao",
-                 "1") == 0, "%s", ran.err);
+#define EXACT_DRAFT "room.gltf", "--lightmap", "64", "--preset", "draft", "--error", "0.5%"
+    REQUIRE(TOOL(EXACT_DRAFT, "-o", "lit", "--store", "a.light") == 0 &&
+            TOOL(EXACT_DRAFT, "-o", "occluded", "--store", "b.light", "--ao", "1") == 0, "%s", ran.err);
     CHECK(same_files("lit/lightmap.exr", "occluded/lightmap.exr") && same_files("a.light", "b.light"),
           "--ao changes the light");
     for (file = 0; file < 2; file++) {
@@ -348,7 +348,7 @@ TEST(occlusion_beside_the_light) {
                 const double lamp = truth_at((x + 0.5) / 64, (y + 0.5) / 64) / strength;
                 worst = test_max(worst, fabs(bytes[64 * y + x] / 255.0 - (file ? 1 : 1 - lamp)));
             }
-        CHECK(worst < (file ? 0.003 : 0.03), "%s differs by %g", names[file], worst);
+        CHECK(worst < (file ? 0.003 : 0.02), "%s differs by %g", names[file], worst);
         free(bytes);
     }
 #ifdef SBL_RENDER_OPENEXR
@@ -452,9 +452,118 @@ TEST(groups_have_maps) {
     REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
     REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
     REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
-    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o",
+    REFUSED(2, "does not work with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o",
             "new");
-    REFUSED(2, "needs --lightmap", "room.gltf", "--vertices", "--light-groups", "sky", "-o", "new.ply");
+    REFUSED(2, "does not work with --cubemaps", "room.gltf", "--cubemaps", "1x1x1", "--light-groups", "sky", "-o",
+            "new");
+    CHECK(TOOL("room.gltf", "--lightmap", "16", "--preset", "draft", "--quiet", "--light-groups", "lamp=*", "--ao",
+               "1", "-o", "dim") == 0 && exists("dim/ao.png") && exists("dim/atlas_lamp.exr"), "%s", ran.err);
+}
+
+#define SKY "--mode", "direct", "--quiet", "--sky", "0.3,0.2,0.1"
+#define TWO "--light-groups", "above=sky,lamp=*"
+
+/* Reads the body of a .ply: `floats` for each of the 8 vertices of the room. Returns 0 if its head lacks the words. */
+static int read_vertices(const char *name, const char *words, int floats, float *out) {
+    static char bytes[4096];
+    FILE *in = fopen(in_folder(name), "rb");
+    const size_t size = in ? fread(bytes, 1, sizeof bytes - 1, in) : 0;
+    const char *body;
+    if (in) fclose(in);
+    bytes[size] = 0;
+    body = strstr(bytes, "end_header\n");
+    if (!body || !strstr(bytes, words)) return 0;
+    body += strlen("end_header\n");
+    memcpy(out, body, 32 * (size_t)floats);
+    return size == (size_t)(body - bytes) + 32 * (size_t)floats + 4 * 13;
+}
+
+/* Light at vertices has a group of the lamp, and one of the sky: in .ply and .gltf. They add up to the whole, and the
+   first is the light of a bake without the sky. */
+TEST(groups_at_vertices) {
+    enum { LAYERS = 3, VERTEX = 28 + 12 * LAYERS, MESH = 4 * VERTEX + 24 };  /* bytes in the .bin */
+    float v[8][15], alone[8][9], seen[4][3];
+    static char text[16384];
+    double off = 0, apart_by = 0, sky = 0;
+    int i, k, mesh, layer, lines;
+    FILE *in;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", SKY, "--vertices", TWO, "-o", "v.ply") == 0 &&
+            TOOL("room.gltf", SKY, "--vertices", TWO, "-o", "v.gltf") == 0 &&
+            TOOL("room.gltf", "--mode", "direct", "--vertices", "--quiet", "-o", "alone.ply") == 0, "%s", ran.err);
+    REQUIRE(read_vertices("v.ply", "property float radiance_b\nproperty float radiance_above_r\nproperty float "
+                          "radiance_above_g\nproperty float radiance_above_b\nproperty float radiance_lamp_r\n", 15,
+                          v[0]) && read_vertices("alone.ply", "", 9, alone[0]), "the files have another form");
+    for (i = 0; i < 8; i++)
+        for (k = 0; k < 3; k++) {
+            off = test_max(off, fabs((double)v[i][9 + k] + (double)v[i][12 + k] - (double)v[i][6 + k]));
+            apart_by = test_max(apart_by, fabs((double)v[i][12 + k] - (double)alone[i][6 + k]));
+            sky = test_max(sky, (double)v[i][9 + k]);
+        }
+    CHECK(off < 1e-6 && sky > 0.2, "the sum is off by %g; the sky gives at most %g", off, sky);
+    CHECK(apart_by < 0.02 * truth_at(0.35, 0.35), "the lamp alone is off by %g", apart_by);
+    read_text(in_folder("v.gltf"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"_RADIANCE_above\": 4, \"_RADIANCE_lamp\": 5}, \"indices\": 6"), "%s", text);
+    in = fopen(in_folder("v.bin"), "rb");
+    for (mesh = 0; mesh < 2 && in; mesh++)
+        for (layer = 0; layer < LAYERS; layer++) {
+            fseek(in, MESH * mesh + 4 * 28 + 48 * layer, SEEK_SET);
+            CHECK(fread(seen, sizeof seen, 1, in) == 1, "v.bin is short");
+            for (i = 0; i < 4; i++)
+                CHECK(memcmp(seen[i], &v[4 * mesh + i][6 + 3 * layer], 12) == 0, "layer %d differs in v.bin", layer);
+        }
+    if (in) fclose(in);
+}
+
+/* Reads numbers with brackets and commas between them. */
+static void read_numbers(const char *at, double *out, int count) {
+    for (; count > 0 && at; count--) {
+        char *end;
+        at += strspn(at, "[], ");
+        *out++ = strtod(at, &end);
+        at = end == at ? NULL : end;
+    }
+    while (count-- > 0) *out++ = NAN;
+}
+
+/* Reads sh and cube of a probe from where words stand on; NAN if they are missing. */
+static void read_light(const char *line, const char *words, double out[45]) {
+    const char *sh = line ? strstr(line, words) : NULL, *cube;
+    sh = sh ? strstr(sh, "\"sh\": ") : NULL;
+    cube = sh ? strstr(sh, "\"cube\": ") : NULL;
+    read_numbers(sh ? sh + 6 : NULL, out, 27);
+    read_numbers(cube ? cube + 8 : NULL, out + 27, 18);
+}
+
+/* Probes have the same groups, in harmonics and cubes. */
+TEST(groups_of_probes) {
+    static char text[32768], other[32768];
+    double whole[45], above[45], lamp[45], alone[45], off = 0, apart_by = 0, norm = 0;
+    const char *at = text, *at_other = other;
+    int i, lines, probe;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", SKY, "--probes", "2x1x1", TWO, "-o", "p.json") == 0 &&
+            TOOL("room.gltf", "--mode", "direct", "--probes", "2x1x1", "--quiet", "-o", "q.json") == 0, "%s", ran.err);
+    read_text(in_folder("p.json"), text, sizeof text, &lines);
+    read_text(in_folder("q.json"), other, sizeof other, &lines);
+    CHECK(strstr(text, "\n \"groups\": [\"above\", \"lamp\"],\n \"probes\": ["), "%s", text);
+    for (probe = 0; probe < 2; probe++) {
+        at = strstr(at + 1, "{\"position\"");
+        at_other = strstr(at_other + 1, "{\"position\"");
+        REQUIRE(at && at_other, "probe %d is missing", probe);
+        read_light(at, "position", whole);
+        read_light(at, "\"groups\": {\"above\": ", above);
+        read_light(at, ", \"lamp\": ", lamp);
+        read_light(at_other, "position", alone);
+        for (i = 0; i < 45; i++) {
+            CHECK(isfinite(above[i] + lamp[i]), "probe %d lacks value %d of a group", probe, i);
+            off = test_max(off, fabs(above[i] + lamp[i] - whole[i]));
+            apart_by = test_max(apart_by, fabs(lamp[i] - alone[i]));
+            norm = test_max(norm, fabs(alone[i]));
+        }
+    }
+    CHECK(off < 2e-6 * norm, "the sum is off by %g of %g", off, norm);
+    CHECK(apart_by < 0.02 * norm, "the lamp alone is off by %g of %g", apart_by, norm);
 }
 
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
@@ -648,6 +757,8 @@ int main(int argc, char **argv) {
     RUN(occlusion_beside_the_light);
     RUN(what_is_wrong_is_said);
     RUN(groups_have_maps);
+    RUN(groups_at_vertices);
+    RUN(groups_of_probes);
     RUN(help_is_short_or_complete);
     RUN(options_without_effect_are_named);
     RUN(a_full_disk_is_said);

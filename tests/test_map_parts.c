@@ -56,6 +56,37 @@ TEST(parts_make_the_map) {
               fabs(mean_difference("plain/lightmap.pfm", "plain/atlas.pfm")) < 1e-6, "%s", ran.err);
 }
 
+/* Joined parts have the light groups of the map that is baked at once, which add up to the whole. */
+TEST(parts_have_light_groups) {
+    static const char *const files[] = { "atlas.pfm", "atlas_above.pfm", "atlas_lamp.pfm" };
+    const char *const arguments[] = { MAP, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,lamp=*", NULL };
+    char names[2][64];
+    picture p[3];
+    double off = 0, mean = 0;
+    int i;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    mkdir(in_folder("g"), 0777);
+    tool_use("sbl_bake");
+    REQUIRE(run_parts(arguments, "g/%d.exr", 3), "%s", ran.err);
+    CHECK(BAKE(MAP, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,lamp=*", "-o", "whole") == 0, "%s", ran.err);
+    CHECK(BAKE(MAP, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,lamp=*", "--join", "g", "-o", "joined") == 0 &&
+          !ran.err[0], "%s", ran.err);
+    for (i = 0; i < 3; i++) {
+        snprintf(names[0], sizeof names[0], "whole/%s", files[i]);
+        snprintf(names[1], sizeof names[1], "joined/%s", files[i]);
+        CHECK(fabs(mean_difference(names[0], names[1])) < 0.01, "%s differs by %g", files[i],
+              mean_difference(names[0], names[1]));
+        p[i] = read_pfm(names[1]);
+        REQUIRE(p[i].values, "%s is missing", names[1]);
+    }
+    for (i = 0; i < 3 * p[0].width * p[0].height; i++) {
+        off = test_max(off, fabs((double)p[1].values[i] + (double)p[2].values[i] - (double)p[0].values[i]));
+        mean += (double)p[0].values[i] / (3 * p[0].width * p[0].height);
+    }
+    CHECK(off < 1e-5 * mean && mean > 0, "the sum is off by %g, mean %g", off, mean);
+    for (i = 0; i < 3; i++) free(p[i].values);
+}
+
 /* The same part has the same bits with the plan of another run and with a plan of its own. */
 TEST(parts_do_not_depend_on_each_other) {
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -219,6 +250,7 @@ int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
     RUN(parts_make_the_map);
+    RUN(parts_have_light_groups);
     RUN(parts_do_not_depend_on_each_other);
     RUN(wrong_parts_are_refused);
     RUN(joining_is_described);

@@ -139,6 +139,43 @@ TEST(parts_of_vertices) {
           "averages differ: %s", ran.err);
 }
 
+/* Parts with light groups make the file of the whole. Parts with other groups do not fit, and damaged groups are
+   refused. */
+TEST(parts_with_light_groups) {
+    static const char *const names[2] = { "whole.json", "whole.ply" };
+    static const char *const edits[][2] = { { "{\"above\": {", "{\"about\": {" }, { "\"rest\"]", "\"res t\"" },
+                                            { "\"rest\"]", "\"fest\"]" },
+                                            { "property float radiance_rest_g", "property float radiance_rest_h" } };
+    static char text[65536];
+    size_t i;
+    int lines;
+#define GROUPS "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky"
+    meshes_obj();
+    REQUIRE(BAKE(PROBES, GROUPS, "-o", names[0]) == 0 && BAKE(VERTICES, GROUPS, "-o", names[1]) == 0 &&
+            PARTS("p", ".json", 2, PROBES, GROUPS) && PARTS("v", ".ply", 3, VERTICES, GROUPS), "%s", ran.err);
+    CHECK(MERGE("p.2.json", "p.1.json", "-o", "all.json") == 0 && same_files("all.json", names[0]), "%s", ran.err);
+    CHECK(MERGE("v.2.ply", "v.3.ply", "v.1.ply", "-o", "all.ply") == 0 && same_files("all.ply", names[1]), "%s",
+          ran.err);
+    REQUIRE(PARTS("o", ".ply", 3, VERTICES, "--sky", "0.3,0.2,0.1", "--light-groups", "beyond=sky"), "%s", ran.err);
+    CHECK(MERGE("v.1.ply", "o.2.ply", "v.3.ply", "-o", "no.ply") == 1 && said("other options"), "%s", ran.err);
+    for (i = 0; i < 4; i++) {
+        const char *from = i < 3 ? "p.2.json" : "v.2.ply", *to = i < 3 ? "bad.json" : "bad.ply";
+        FILE *in = fopen(in_folder(from), "rb");
+        const size_t size = in ? fread(text, 1, sizeof text - 1, in) : 0;
+        char *at;
+        if (in) fclose(in);
+        text[size] = 0;
+        at = strstr(text, edits[i][0]);
+        REQUIRE(at, "%s has no %s", from, edits[i][0]);
+        memcpy(at, edits[i][1], strlen(edits[i][1]));
+        write_file(to, text, size);
+        CHECK(MERGE(i < 3 ? "p.1.json" : "v.1.ply", to, "-o", i < 3 ? "no.json" : "no.ply") == 1 &&
+              said("damaged"), "%s: %s", edits[i][1], ran.err);
+    }
+    read_text(in_folder("all.ply"), text, sizeof text, &lines);
+    CHECK(strstr(text, "property float radiance_above_b\nproperty float radiance_rest_r\n"), "%.600s", text);
+}
+
 /* With bounced light, parts make the whole if they share a store, and if each makes its own. */
 TEST(parts_with_bounced_light) {
     meshes_obj();
@@ -382,6 +419,7 @@ int main(int argc, char **argv) {
     RUN(parts_of_a_grid);
     RUN(parts_of_a_list);
     RUN(parts_of_vertices);
+    RUN(parts_with_light_groups);
     RUN(parts_with_bounced_light);
     RUN(parts_are_valid_files);
     RUN(wrong_probes_are_refused);
