@@ -4233,7 +4233,8 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 /* Full angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
 #define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
 
-/* Largest width and height of the environment's picture, in pixels. A lamp stores a pixel's index in 29 bits. */
+/* Largest width and height of the environment's picture, texels. A lamp has SBL__LAMP_KIND_SHIFT bits for a texel's
+   number. */
 #define SBL__SKY_MOST 16384
 
 /* groups: number of light groups in the scene */
@@ -5540,7 +5541,7 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles\n",
 "\n",
-"// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is\n",
+"// Share of a lamp's light in a direction that rays of the lobe measure; rays to lamps measure the rest. It is\n",
 "// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.\n",
 "float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
@@ -5712,7 +5713,8 @@ static const char *const sbl__glsl_material[] = {
 "// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo there / the albedo in sbl__reflect.\n",
+"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by the albedo\n",
+"// with which sbl__reflect computed the glow's radiance.\n",
 "vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Material m = sbl_material(object, at);\n",
@@ -8018,8 +8020,9 @@ static const char *const sbl__glsl_surface[] = {
 "    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.\n",
-"                               // Views need four times SBL_OFFSET, the distance of sensors from their surface\n",
+"// Least distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because views\n",
+"// need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the extent.\n",
+"const float SBL_INSET = 6e-6;\n",
 "\n",
 "sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
 "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
@@ -8068,8 +8071,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sum / float(points.x * points.y);\n",
 "}\n",
 "\n",
-"// Returns a vector of tangent space in world space. normal: axis z of tangent space. Axis x points where u\n",
-"// increases, y where v decreases. If texture coordinates do not tell x, the result is the normal.\n",
+"// Returns v, a vector of tangent space, in world space. normal: axis z of tangent space. Axis x points where the\n",
+"// first texture coordinate increases, y where the second decreases. If x is not defined, returns the normal.\n",
 "vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {\n",
 "    vec2 uv[3];\n",
 "    for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));\n",
@@ -8481,7 +8484,8 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER; rays: range of options.rays, if not 0; host_draws: the scene has a draw callback */
+/* papers: 1 allows SBL_MODE_PAPER; rays: least and greatest options.rays, which may also be 0; host_draws: the scene
+   has a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
@@ -9587,7 +9591,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
     const int moving = c->orthographic ? 0 : 3;  /* index in names of what varies with the pixel: origin or direction */
     const int still = 3 - moving;
-    /* x and y, in view space, of what varies. Perspective, at unit distance: x = (a * x in NDC + m8) / m0, a = -m11 */
+    /* x and y, in view space, of the ray through gl_FragCoord 0 0. Orthographic: of its origin; perspective: of its
+       direction at unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -10505,7 +10510,8 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
 }
 
 /* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals and writes where each begins, two 16-bit numbers per word. Part
-   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest like the shares. */
+   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest in proportion to the
+   shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -11087,7 +11093,8 @@ static const char *const sbl__glsl_lamp[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R / unit from an unobstructed lamp. For a texel it is approximate: above 0 if any of it is above the horizon.\n",
+"// R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate: above 0 if any part of\n",
+"// the texel is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -11100,8 +11107,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"// The first four spherical harmonics / unit of an unobstructed lamp, from its solid angle and from the integral of\n",
-"// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.\n",
+"// The first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its solid angle\n",
+"// and from the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part along\n",
+"// the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -12701,16 +12709,16 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;\n",
-"    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
-"    if (sensor < 0 || sensor >= count) sbl_leave;\n",
-"    vec3 origin = sbl_look_position(sensor);\n",
-"    mat3 frame = sbl_frame(sbl_look_normal(sensor));\n",
-"    uvec2 scramble = sbl_look_scramble(sensor);\n",
-"    uint which = sbl_look_which(sensor);\n",
+"    int look = sheet.y * columns + sheet.x - first_slot;\n",
+"    if (look < 0 || look >= count) sbl_leave;\n",
+"    vec3 origin = sbl_look_position(look);\n",
+"    mat3 frame = sbl_frame(sbl_look_normal(look));\n",
+"    uvec2 scramble = sbl_look_scramble(look);\n",
+"    uint which = sbl_look_which(look);\n",
 "    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;\n",
 "    float every = 1.0;  // factor of each ray's light\n",
 "#ifdef SBL_LOBE\n",
-"    sbl_lobe_begin(sensor, frame[2]);\n",
+"    sbl_lobe_begin(look, frame[2]);\n",
 "    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
 "        end = SBL_MIRROR_RAYS;\n",
 "        every = float(rays) / float(SBL_MIRROR_RAYS);\n",
@@ -13155,9 +13163,9 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "}\n",
 "\n",
 "void main() {\n",
-"    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
-"    if (sensor < first || sensor > last) discard;\n",
-"    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
+"    int look = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
+"    if (look < first || look > last) discard;\n",
+"    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);\n",
 "    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
@@ -13563,9 +13571,9 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Returns 0 if no looks were lost. If looks were lost, sets a larger divisor, which later jobs in the scene keep, and
-   returns 1: the job must begin again. If the divisor is the largest, or with views, warns instead and returns 0; the
-   readings of the lost looks stay invalid. */
+/* Returns 0 if no looks were lost. If looks were lost, sets a larger divisor of the rays per invocation, which later
+   jobs in the scene keep, and returns 1: the job must begin again. If the divisor is already the largest, or looks are
+   views, it warns instead and returns 0; the readings of the lost looks stay invalid. */
 static int sbl__job_lost(sbl__job *j) {
     if (!j->lost) return 0;
     if (j->task.spec.traced && j->divisor < SBL__DIVISOR_MOST) {
@@ -14236,8 +14244,9 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store. Sets the length of its cells (1 in a scene without area) and the area below which patches are
-   pooled. With growth and pool of 1, leaves on both sides of all surfaces use about the share SBL__FILL_AIM of it. */
+/* Empties the store. Sets unseen_level, the length of cells (1 in a scene without area) and the area below which
+   patches are pooled. If growth and pool are 1, leaves on both sides of all surfaces use about the share SBL__FILL_AIM
+   of the store. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -18163,7 +18172,8 @@ static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *al
     return SBL_SUCCESS;
 }
 
-/* Turns on the test for occlusion and the search for places (see sbl__refine_occlusion, sbl__refine_refuse). */
+/* Turns on the test for occlusion (sbl__refine_occlusion) and, for refused texels, the search for places in the texel
+   from which light can leave (sbl__refine_refuse). */
 static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
     r->atlas = a;
     r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
@@ -18777,7 +18787,8 @@ typedef struct sbl__seams {
     int unknown_count, unknown_room;
     sbl__solver solver;         /* finds the change of 3 channels per unknown; diagonal 0: the channel is kept at 0 */
     int seams;                  /* number of seams, each a pair of edges */
-    int layer;                  /* index of the layer being sewn: 0 is R; the others are harmonics, maybe negative */
+    int layer;                  /* index of the layer being sewn. 0: R; others: harmonics or light groups, in which
+                                   channels may become negative */
     int rounds;                 /* how many solutions of this layer have made channels negative so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest |luminance| of a difference across a seam in the layers so far, before the
@@ -19854,7 +19865,8 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Copies a channel into a texture of the size that the host reads. Returns its GL name, or 0 on failure. */
+/* Copies a channel into a texture with one texel per pixel of the host, because its own has the working size, or it
+   has none. Returns the copy's GL name, or 0 on failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
@@ -20696,10 +20708,10 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
     return SBL__LIGHTMAP_DONE;
 }
 
-/* Makes the light groups of a texel add up to its R, and none negative: each channel of each group that is above 0 is
-   multiplied by one factor. Before, they differ from R by rounding, and where interpolation, clamps or seams treat
-   layers apart. whole: R of the texel; parts: per group, the floats of all texels; at: number of the texel's
-   first float */
+/* Makes the light groups of a texel or vertex add up to its R. In each channel, values below 0 become 0, and the rest
+   is multiplied by one factor; if none is above 0, group 0 gets R. Before that, groups differ from R by rounding, and
+   where interpolation, clamps or seams treat each layer separately. whole: R of the texel or vertex; parts: per group,
+   the floats of all of them; at: number of the first float of this one */
 static void sbl__layers_share(const float whole[3], float *const *parts, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
@@ -21680,7 +21692,7 @@ static int sbl__vertices_averages(void *work) {
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 
-/* Frees the memory, because only the sbl__work is needed when the work is done. */
+/* Frees everything but the sbl__work, which is all that is needed after the bake. Returns the stage DONE. */
 static int sbl__vertices_after_shares(void *work) {
     sbl__work w;
     sbl__work_free_task((sbl__work *)work);

@@ -524,7 +524,7 @@ static inline int bake_check(bake_parts *b) {
 
 /* ---- joining ---- */
 
-/* Copies the probes of a part. first: 1: they are the first of the whole */
+/* Copies the probes of a part. first: 1 if it is the first part. Returns 0 if the part is damaged. */
 static inline int bake__copy_probes(const bake_parts *b, const bake_part *part, FILE *in, FILE *out, int first) {
     char line[BAKE_LINE];
     int i;

@@ -1,6 +1,6 @@
-/* Writes a scene with its baked light as one .glb that any viewer of glTF shows without lights and extensions of its
-   own: each material is unlit (KHR_materials_unlit), and its only texture is what a screen shows there: colour times
-   light plus emission, exposed, tone-mapped (PBR Neutral, as SBL_TONE_NEUTRAL) and encoded as sRGB.
+/* Writes a scene with its baked light as one .glb. A viewer of glTF shows it without lights, and needs no extension but
+   KHR_materials_unlit: each material is unlit, and its only texture holds what a screen shows there, which is colour
+   times light plus emission, exposed, tone-mapped (PBR Neutral, as SBL_TONE_NEUTRAL) and encoded as sRGB.
 
    An unlit material shows one texture, and no viewer multiplies two. Therefore the colours of the surfaces are copied
    into the charts of the lightmap. What this loses: colours have the density of the texture of this file, reflections
@@ -25,7 +25,7 @@ typedef struct lit_scene {
     const image *atlas;         /* R, continued into the gutters */
     int size;                   /* texels across the texture */
     double stops;               /* exposure */
-    double mean[3];             /* of R where there is a surface; lit_meter finds it */
+    double mean[3];             /* mean R where there is a surface, from lit_meter */
     unsigned char *texels;      /* rgba, sRGB; the levels of a pyramid follow */
     unsigned char *rank;        /* per texel: 0: unknown, 255: inside a triangle, otherwise the nearer the higher */
     char *png;                  /* the compressed texture */
@@ -329,9 +329,9 @@ static void lit__draw_mesh(lit_scene *l, const sbl_mesh *m) {
 
 /* ---- exposure of highlights ---- */
 
-/* Returns by how many stops the exposure is too high: by the second rule of sbl_picture_desc.auto_exposure, the mean
-   logarithm of the brightest 5 % of what is shown must not be above that of 2.8, but the rule takes at most 1.5 stops.
-   shown: luminances of all texels, 0 where nothing is */
+/* Returns by how many stops the exposure is too high, at most 1.5: the second rule of sbl_picture_desc.auto_exposure
+   says that the geometric mean of the brightest 5 % of what is shown must not be above 2.8. shown: luminances of all
+   texels before exposure, 0 where nothing is. stops: the exposure */
 static double lit__excess(const float *shown, size_t count, double stops) {
     size_t i, known = 0, top;
     double *logs = (double *)malloc((count + 1) * sizeof *logs), sum = 0, excess;
@@ -351,7 +351,7 @@ static void lit__draw_all(lit_scene *l) {
         if (l->scene->meshes[i].lightmap_texcoords.data) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
 
-/* Lowers the exposure where much would be too bright, by a small texture. Returns 0 if memory runs out. */
+/* Lowers the exposure if much would be too bright, as measured in a small texture. Returns 0 if memory runs out. */
 static inline int lit_spare(lit_scene *l) {
     lit_scene small = *l;
     size_t count;

@@ -123,7 +123,7 @@ static int map__write_floats(FILE *out, const map_source *s) {
     return picture_end(&w, ok);
 }
 
-/* stb_image_write cuts off what the eight bits of a mantissa do not hold; half a step more makes it round. */
+/* stb_image_write truncates mantissas to eight bits. Adds half a step to each component, so that they are rounded. */
 static void map__round_rgbe(float *v) {
     const float most = v[0] > v[1] ? v[0] > v[2] ? v[0] : v[2] : v[1] > v[2] ? v[1] : v[2];
     int exponent, k;

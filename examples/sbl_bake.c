@@ -361,7 +361,7 @@ static int parse(int argc, char **argv) {
         MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, PLAN, JOIN, RESUME,
         TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 12 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 12 };  /* from this index on, --cubemaps takes the options, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };

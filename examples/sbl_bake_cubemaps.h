@@ -140,7 +140,7 @@ static int keep_cubemap(cubemaps *c, int number) {
 
 /* ---- the room around a probe ---- */
 
-/* Returns the distance from the probe to the bounds of the scene on a side, which is negative outside. */
+/* Returns the distance from the probe to a side (+x -x +y -y +z -z) of the scene's bounds; negative: it is beyond. */
 static double cube_reach(const cubemaps *c, const float at[3], int side) {
     const int k = side / 2;
     return side % 2 ? (double)at[k] - (double)c->bounds.lowest[k] : (double)c->bounds.highest[k] - (double)at[k];

@@ -408,9 +408,8 @@ static int map_layers(void) { return given[DIRECTIONAL] ? 4 : groups.list.count;
 
 static int map_components(void) { return MAP_PLAIN + 3 * map_layers(); }
 
-/* Returns a hash of the scene and of all lightmap_texcoords, on which the bounced light and so the fingerprint of the
-   scene do not depend. */
-static unsigned long long hash_map(const map_bake *b) {
+/* Returns a hash of the scene and of all lightmap_texcoords, which the fingerprint of the scene leaves out. */
+static unsigned long long map_hash(const map_bake *b) {
     const sbl_scene_desc *scene = &b->task->file->scene;
     const uint64_t fingerprint = sbl_scene_fingerprint(b->task->context);
     unsigned long long hash = plan_hash(PLAN_HASH_START, &fingerprint, sizeof fingerprint);
@@ -431,7 +430,7 @@ static void find_map_facts(map_bake *b) {
     const sbl_context *context = b->task->context;
     plan *p = &b->windows.work;
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
-    plan_fact(p, FACT_SCENE, "%016llx", hash_map(b));
+    plan_fact(p, FACT_SCENE, "%016llx", map_hash(b));
     plan_fact(p, FACT_CAMERA, "%s", "");
     plan_options_fact(p, table, OPTION_COUNT, given, without);
     plan_fact(p, FACT_CHANNEL, "lightmap");
@@ -696,7 +695,7 @@ static int join_folder(map_bake *b, double *seconds) {
     return status;
 }
 
-/* Bakes the windows that are not finished, in the folder OUTPUT.parts, and joins them. Returns the exit status. */
+/* Bakes the windows that OUTPUT.parts does not hold yet, and joins all windows. Returns the exit status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
     int status = windows_make(&b->windows);

@@ -125,9 +125,9 @@ typedef struct scene__reader {
     sbl_mesh *meshes;    /* one per use of a mesh */
     const char **names, **light_names;
     size_t use_count;
-    double triangles, vertices;  /* numbers in all uses */
+    double triangles, vertices;  /* totals over all uses of meshes */
     unsigned best_camera;
-    const struct aiNode *camera_node;  /* of best_camera; NULL without a camera */
+    const struct aiNode *camera_node;  /* node of best_camera; NULL: the file has no camera */
     scene__motion motion;              /* of camera_node, if frames are asked for */
     struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* lights of the file, sorted by name */
     sbl_light *lights;

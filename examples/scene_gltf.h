@@ -74,7 +74,7 @@ static void scene__part_lights(scene_file *file, cJSON *root) {
     if (!old || !cJSON_ReplaceItemInObjectCaseSensitive(all, "lights", lights)) cJSON_Delete(lights);
 }
 
-/* Returns what scene__motion_kind expects: L, S or C, for a sampler of LINEAR, STEP or CUBICSPLINE. */
+/* Returns the letter of an animation sampler: L (LINEAR, the default), S (STEP) or C (CUBICSPLINE). */
 static char scene__letter(const cJSON *sampler) {
     const char *words = cJSON_GetStringValue(scene__item(sampler, "interpolation"));
     return words && strcmp(words, "STEP") == 0 ? 'S' : words && strcmp(words, "CUBICSPLINE") == 0 ? 'C' : 'L';

@@ -31,7 +31,7 @@ static int scene__enter_landlock(const scene__folders *folders) {
     scene__ruleset set = { (1 << 13) - 1, 0, 0 };
     int i, ruleset, ok;
     if (version < 1) return 0;
-    if (version >= 2) set.files |= 1 << 13;  /* refer */
+    if (version >= 2) set.files |= 1 << 13;  /* refer: renaming and linking across folders */
     if (version >= 3) set.files |= 1 << 14;  /* truncate */
     if (version >= 4) set.net = 3;           /* bind and connect */
     if (version >= 5) set.files |= 1 << 15;  /* ioctl on devices */

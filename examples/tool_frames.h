@@ -30,8 +30,8 @@ static struct tool_frames {
     double rate;                 /* of --fps */
     int first, last;             /* the frames that this run makes; 0 if it makes a single picture */
     int now;                     /* the frame that is being made, or 0 */
-    const char *pattern;         /* of the names of the pictures */
-    frame_camera *cameras;       /* of the file; NULL: an animated camera */
+    const char *pattern;         /* file name of the pictures, with %d or %04d */
+    frame_camera *cameras;       /* from the file of --cameras; NULL: the camera is animated */
     int count;
     struct tool_camera asked;    /* the camera of the options */
 } frames = { .rate = 24 };

@@ -29,9 +29,9 @@ typedef struct tool_option {
     int count;                  /* how many numbers, up to TOOL_NUMBERS, or how often a text may be given */
     double low, high;           /* range of each number */
     const char *help;           /* lines, separated by \n */
-    const char *const *words;   /* for CHOICE: the words, followed by NULL; for NUMBERS: a word that may take the place
-                                   of the number, which is then NaN, or NULL */
-    const char **file;          /* receives a file name, or NULL if numbers are given; NULL: only numbers are allowed */
+    const char *const *words;   /* CHOICE, FLAG_OR_WORD: the words, followed by NULL. NUMBERS: NULL, or one word and
+                                   NULL: the word may be given in place of the number, whose value is then NaN */
+    const char **file;          /* NULL: a file name is not allowed. Otherwise receives it, or NULL for numbers */
     const char *synonym;        /* older name that is also accepted, or NULL */
     const char *file_words;     /* with file: what the file is, for messages */
 } tool_option;

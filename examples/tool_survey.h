@@ -31,7 +31,7 @@ enum {
     SURVEY__X = 6, SURVEY__Y = 5, SURVEY__Z = 6, SURVEY__POINTS = SURVEY__X * SURVEY__Y * SURVEY__Z,  /* the grid */
     SURVEY__AXES = 6,      /* directions that are read at each point of the grid, in the order of survey.side */
     SURVEY__WAYS = 12,     /* horizontal directions in which a room is looked at from a point */
-    SURVEY__AROUND = 8,    /* directions around the scene, times two heights, in which it is looked at from outside */
+    SURVEY__AROUND = 8,    /* directions of the compass from which a scene is looked at from outside, at two heights */
     SURVEY__OUTSIDE = 2 * SURVEY__AROUND,
     SURVEY__REPEATS = 4,   /* readings of each of these directions, because the scene fills only a part of each */
     SURVEY__SITES = SURVEY__POINTS * SURVEY__WAYS,
@@ -41,14 +41,15 @@ enum {
 /* Shares that separate the cases; between the values that scenes have, with a wide margin on both sides. */
 #define SURVEY__SOLID 0.25     /* a point that sees more back faces is inside something, as for sbl_probe.valid */
 #define SURVEY__ENCLOSED 0.35  /* a point that sees less sky is in a room; in the open it is half of all directions */
-#define SURVEY__OPEN 0.6       /* a side through which this share of the directions sees the sky is open ... */
-#define SURVEY__SHUT 0.4       /* ... and below this share it is shut. Walls with windows are below */
+#define SURVEY__OPEN 0.6       /* a side is open if at least this share of the directions through it sees the sky */
+#define SURVEY__SHUT 0.4       /* a side is shut if at most this share does, as where walls have windows */
 #define SURVEY__OUTWARD 0.25   /* from outside, an object shows at most this share of back faces */
 #define SURVEY__INWARD 0.6     /* from outside, a room whose walls are single faces shows at least this share */
 #define SURVEY__DARK 0.02      /* the outside is dark if it gets at most this part of the light in the rooms */
 
 typedef struct survey__point {
-    double position[3], sky, back, light, near;  /* shares of all directions; mean R; distance of the nearest surface */
+    double position[3], sky, back;  /* sky, back: shares of all directions that see the sky, and back faces */
+    double light, near;             /* mean R; distance to the nearest surface */
 } survey__point;
 
 typedef struct survey__work {

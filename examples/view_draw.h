@@ -12,9 +12,9 @@ static const char view_vertex[] =
     "    gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);\n"
     "}\n";
 
-/* Copies a picture into the frame, row by row. tone 0: as it is; 1 to 3: sbl_tone. The curves are those of
-   shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and AgX (Sobotka 2022). backdrop: that of
-   sbl_picture_desc, which shows where depths are 0. */
+/* Copies a picture into the frame, pixel for pixel: row 0 to row 0. tone: 0: unchanged; 1 to 3: an sbl_tone, applied to
+   the picture times factor. The curves are those of shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and
+   AgX (Sobotka 2022). backdrop: sbl_picture_desc.backdrop; shown where depths is 0, if it is brighter. */
 static const char view_tone_fragment[] =
     "uniform sampler2D picture;\n"
     "uniform sampler2D depths;\n"

@@ -25,7 +25,8 @@ static void overlay__line(const double from[3], const double to[3], const float 
     overlay.count += 2;
 }
 
-/* Returns the distance along a ray to the plane of a lamp's triangle, or 0. Triangles without area do not count. */
+/* Returns the distance along a ray to the plane of a lamp's triangle, or 0 if there is none. lamp->number counts only
+   triangles that have an area. */
 static double overlay__to_triangle(const sbl_scene_desc *scene, const sbl_sensor_lamp *lamp, const double from[3],
                                    const double way[3]) {
     const sbl_mesh *m = &scene->meshes[lamp->mesh];

@@ -25,7 +25,7 @@ typedef struct steps_state {
 typedef struct steps_step {
     float wall, own, all;       /* seconds */
     short disturbed, programs;  /* number of interruptions, and of programs that were compiled */
-    short room, preview;        /* the room that took most of the time; 1: it was a preview's step */
+    short room, preview;        /* index in steps_rooms of what took most of the time; 1: a step of a preview */
 } steps_step;
 
 static struct steps {

@@ -150,7 +150,8 @@ float sbl_round(float z, float sine2) {
     return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
 
-// R / unit from an unobstructed lamp. For a texel it is approximate: above 0 if any of it is above the horizon.
+// R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate: above 0 if any part of
+// the texel is above the horizon.
 vec3 sbl_unhindered(sbl_Lamp l) {
     float factor = 0.0;
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -163,8 +164,9 @@ vec3 sbl_unhindered(sbl_Lamp l) {
     return l.brightness * factor;
 }
 
-// The first four spherical harmonics / unit of an unobstructed lamp, from its solid angle and from the integral of
-// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.
+// The first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its solid angle
+// and from the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part along
+// the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);

@@ -129,7 +129,7 @@ float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
 
 const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles
 
-// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is
+// Share of a lamp's light in a direction that rays of the lobe measure; rays to lamps measure the rest. It is
 // the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
 float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 

@@ -140,7 +140,8 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo there / the albedo in sbl__reflect.
+// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by the albedo
+// with which sbl__reflect computed the glow's radiance.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 #ifdef SBL_SPECULAR
     sbl_Material m = sbl_material(object, at);

@@ -36,9 +36,9 @@ vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics,
 }
 
 void main() {
-    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);
-    if (sensor < first || sensor > last) discard;
-    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);
+    int look = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);
+    if (look < first || look > last) discard;
+    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);
     ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);
     for (int y = 0; y < blocks.y; y++) {

@@ -12,8 +12,9 @@ struct sbl_Surface {
     bool back;                                // true: the ray sees the back of the triangle
 };
 
-const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.
-                               // Views need four times SBL_OFFSET, the distance of sensors from their surface
+// Least distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because views
+// need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the extent.
+const float SBL_INSET = 6e-6;
 
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
@@ -62,8 +63,8 @@ vec3 sbl_normal_texel(int object, vec2 uv) {
     return sum / float(points.x * points.y);
 }
 
-// Returns a vector of tangent space in world space. normal: axis z of tangent space. Axis x points where u
-// increases, y where v decreases. If texture coordinates do not tell x, the result is the normal.
+// Returns v, a vector of tangent space, in world space. normal: axis z of tangent space. Axis x points where the
+// first texture coordinate increases, y where the second decreases. If x is not defined, returns the normal.
 vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     vec2 uv[3];
     for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));

@@ -115,16 +115,16 @@ const int SBL_LEGS = 1;
 
 void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
-    int sensor = sheet.y * columns + sheet.x - first_slot;
-    if (sensor < 0 || sensor >= count) sbl_leave;
-    vec3 origin = sbl_look_position(sensor);
-    mat3 frame = sbl_frame(sbl_look_normal(sensor));
-    uvec2 scramble = sbl_look_scramble(sensor);
-    uint which = sbl_look_which(sensor);
+    int look = sheet.y * columns + sheet.x - first_slot;
+    if (look < 0 || look >= count) sbl_leave;
+    vec3 origin = sbl_look_position(look);
+    mat3 frame = sbl_frame(sbl_look_normal(look));
+    uvec2 scramble = sbl_look_scramble(look);
+    uint which = sbl_look_which(look);
     int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;
     float every = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
-    sbl_lobe_begin(sensor, frame[2]);
+    sbl_lobe_begin(look, frame[2]);
     if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
         end = SBL_MIRROR_RAYS;
         every = float(rays) / float(SBL_MIRROR_RAYS);

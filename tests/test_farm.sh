@@ -226,7 +226,7 @@ picture_in_parts() {
     alone "$folder/a.png" 8 &&
         build/sbl_merge "$folder/a.png.farm/parts" -o "$folder/again.png" && cmp "$folder/a.png" "$folder/again.png"
 }
-# a bake on the cluster is the file that one node bakes without parts
+# a bake in parts on the cluster gives the same file as a bake without parts, and every node takes part
 bake_in_parts() {
     nodes_used > "$folder/before"
     "$farm" bake "$scene" $grid -o "$folder/p.json" --parts 8 && wait_for nothing_runs || return
