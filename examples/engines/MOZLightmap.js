@@ -28,7 +28,7 @@ export class MOZLightmap {
         this.map = map && Object.assign(map, {
             channel: 1, generateMipmaps: false, minFilter: LinearFilter, magFilter: LinearFilter, needsUpdate: true
         });
-        this.moved = new Map();  // copies of `map`, by their places
+        this.moved = new Map();  // copies of `map`, keyed by the JSON of their KHR_texture_transform
     }
 
     // Returns the extension of a material, or undefined.
