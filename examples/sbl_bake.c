@@ -28,7 +28,7 @@
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, supersample, samples, grid[3], cubemap_size;
+    int lightmap, map, gutter, supersample, samples, grid[3], cubemap_size;
     part_choice part;
     const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
@@ -93,7 +93,7 @@ static const tool_option table[OPTION_COUNT] = {
                    "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
                    "overlap.png      only if charts overlap; shared texels are red" },
-    [MAP] = { "--map", "K", INTEGERS, &common.reading.map, 1, 0, 9999,
+    [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
               "with --lightmap: bakes the meshes of map K alone, if sbl_unwrap has made several maps for the scene; "
               "the first\n"
               "is 0. Use one --store for all" },

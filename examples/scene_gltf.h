@@ -23,6 +23,7 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
 #define SCENE__MOST_SCALE 1000.0f  /* of a normal map */
+enum { SCENE__MOST_MAPS = 10000 };
 
 /* What the name of a material tells about it. */
 enum {
@@ -207,7 +208,8 @@ static void scene__name_places(scene_file *file, cJSON *root) {
         const char *name = cJSON_GetStringValue(scene__item(node, "name"));
         double v[4] = { 1, 1, 0, 0 };
         char own[16], unique[320];
-        int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 && map->valuedouble < 10000);
+        int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 &&
+                                        map->valuedouble < SCENE__MOST_MAPS);
         number++;
         if ((!list && !map) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
         cJSON_ArrayForEach(part, list) {
@@ -220,8 +222,8 @@ static void scene__name_places(scene_file *file, cJSON *root) {
                         name ? name : own);
             continue;
         }
-        scene__print(unique, sizeof unique, "(map %d, %.9g %.9g %.9g %.9g) %.200s", map ? map->valueint : 0, v[0], v[1],
-                     v[2], v[3], name ? name : own);
+        scene__print(unique, sizeof unique, "(node %d, map %d, %.9g %.9g %.9g %.9g) %.200s", number,
+                     map ? map->valueint : 0, v[0], v[1], v[2], v[3], name ? name : own);
         cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
         cJSON_AddStringToObject(node, "name", unique);
     }

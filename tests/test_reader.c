@@ -718,7 +718,8 @@ static const float *camera_of(const scene_file *file) {
 
 /* Writes a scene as glTF. */
 static void write_scene(const scene_file *from, const char *name) {
-    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 1, camera_of(from) };
+    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 1, camera_of(from),
+                            NULL, NULL };
     char texture[GLTF_NAME];
     FILE *json = fopen(in_folder(name), "wb"), *bin = fopen(in_folder("again.bin"), "wb"), *png;
     int i;
@@ -868,12 +869,11 @@ TEST(places_in_lightmaps) {
     scene_file_free(file);
 }
 
-/* Only the meshes of one map have lightmap coordinates. A second set needs no first one, in any order; others than the
-   first need all before them. */
+/* Each mesh has a map, and scene_file_keep_map takes the lightmap coordinates of all others. A second set needs no first
+   one, in any order; others than the first need all before them. */
 TEST(sets_and_maps) {
     static const char *const sets[] = { ",\"TEXCOORD_1\":2", ",\"TEXCOORD_1\":2,\"TEXCOORD_0\":1",
         ",\"TEXCOORD_0\":1,\"TEXCOORD_2\":2", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2,\"TEXCOORD_3\":1" };
-    scene_file_options options;
     scene_file *file;
     int i;
 #ifndef SBL_RENDER_CJSON
@@ -881,14 +881,17 @@ TEST(sets_and_maps) {
 #endif
     for (i = 0; i < 4; i++) {
         write_places("sets.gltf", sets[i], IN_MAP("0") "|" IN_MAP("2") "|" IN_MAP("-1"));
-        memset(&options, 0, sizeof options);
-        options.map = 2;
-        file = scene_file_load(in_folder("sets.gltf"), &options, error, sizeof error);
+        file = scene_file_load(in_folder("sets.gltf"), NULL, error, sizeof error);
         REQUIRE(file && file->scene.mesh_count == 3, "%s", error);
-        CHECK(map_u(file, 0) < 0 && map_u(file, 2) < 0 && (map_u(file, 1) > 0.5) == (i != 2) &&
-              file->map_count == (i == 2 ? 0 : 3) && file->scene.meshes[0].texcoords.data && file->warning_count == 1,
-              "%s: u = %g %g %g, %d maps, %d warnings", sets[i], map_u(file, 0), map_u(file, 1), map_u(file, 2),
-              file->map_count, file->warning_count);
+        CHECK(file->map_count == (i == 2 ? 0 : 3) && file->scene.meshes[0].texcoords.data && file->warning_count == 1,
+              "%s: %d maps, %d warnings", sets[i], file->map_count, file->warning_count);
+        CHECK(file->maps[0] == (i == 2 ? -1 : 0) && file->maps[1] == (i == 2 ? -1 : 2) && file->maps[2] == file->maps[0]
+              && file->places[0].node == 0 && file->places[1].node == 1 && file->places[2].node == -1,
+              "%s: maps %d %d %d", sets[i], file->maps[0], file->maps[1], file->maps[2]);
+        scene_file_keep_map(file, 2);
+        CHECK(map_u(file, 0) < 0 && map_u(file, 2) < 0 && (map_u(file, 1) > 0.5) == (i != 2) && file->map_count == 1 &&
+              file->maps[0] == -1 && file->maps[1] == (i == 2 ? -1 : 0), "%s: u = %g %g %g", sets[i], map_u(file, 0),
+              map_u(file, 1), map_u(file, 2));
         scene_file_free(file);
     }
 }
