@@ -198,11 +198,13 @@ static void scene__order_texcoords(cJSON *root) {
         }
 }
 
-/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. */
+/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. If there are several
+   lightmaps, all nodes with a mesh have one. */
 static void scene__name_places(scene_file *file, cJSON *root) {
-    cJSON *node;
-    int number = -1;
-    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+    cJSON *node, *const nodes = scene__item(root, "nodes");
+    int number = -1, several = 0;
+    cJSON_ArrayForEach(node, nodes) several |= scene__item(scene__item(node, "extras"), "lightmapIndex") != NULL;
+    cJSON_ArrayForEach(node, nodes) {
         const cJSON *extras = scene__item(node, "extras"), *list = scene__item(extras, "lightmapScaleOffset"), *part;
         const cJSON *map = scene__item(extras, "lightmapIndex");
         const char *name = cJSON_GetStringValue(scene__item(node, "name"));
@@ -211,7 +213,7 @@ static void scene__name_places(scene_file *file, cJSON *root) {
         int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 &&
                                         map->valuedouble < SCENE__MOST_MAPS);
         number++;
-        if ((!list && !map) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
+        if ((!list && !map && !several) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
         cJSON_ArrayForEach(part, list) {
             valid &= cJSON_IsNumber(part) && fabs(part->valuedouble) < 1e6 && count < 4;
             if (valid) v[count++] = part->valuedouble;

@@ -48,7 +48,8 @@ static int scene__trust_name(const scene_file *file, const char *name) {
 
 static int scene__trust_map(const scene_file *file, int mesh) {
     const scene_file_place *p = &file->places[mesh];
-    return file->maps[mesh] >= -1 && file->maps[mesh] < file->map_count &&
+    const int map = file->maps[mesh], is_mapped = file->scene.meshes[mesh].lightmap_texcoords.data != NULL;
+    return (is_mapped ? map >= 0 && map < file->map_count : map == -1) &&
            isfinite(p->scale[0] + p->scale[1] + p->offset[0] + p->offset[1]);
 }
 

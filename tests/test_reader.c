@@ -202,10 +202,13 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
     sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
     const char **names = (const char **)scene__alloc(file, 1, sizeof *names);
+    int *maps = (int *)scene__alloc(file, 1, sizeof *maps);
+    scene_file_place *places = (scene_file_place *)scene__alloc(file, 1, sizeof *places);
     char *name = (char *)scene__alloc(file, 8, 1);
     (void)path; (void)bytes;
-    if (!m || !t || !names || !name) return;
+    if (!m || !t || !names || !maps || !places || !name) return;
     m->positions.data = scene__alloc(file, 9, sizeof(float));
+    m->lightmap_texcoords.data = scene__alloc(file, 6, sizeof(float));
     m->indices.data = scene__alloc(file, 3, sizeof(uint32_t));
     m->indices.type = SBL_UINT32;
     m->vertex_count = m->index_count = 3;
@@ -214,6 +217,9 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     t->channels = 4;
     names[0] = name;
     file->names = names;
+    file->maps = maps;
+    file->places = places;
+    file->map_count = 1;
     file->scene.meshes = m;
     file->scene.textures = t;
     file->scene.mesh_count = file->scene.texture_count = 1;
@@ -238,6 +244,12 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 18: file->units = -1; break;
         case 19: file->frames = (const scene_file_camera *)(const void *)elsewhere; file->frame_count = 1; break;
         case 20: file->frame_count = 1; break;
+        case 21: maps[0] = 1; break;
+        case 22: maps[0] = -1; break;
+        case 23: m->lightmap_texcoords.data = NULL; break;
+        case 24: file->maps = (const int *)(const void *)elsewhere; break;
+        case 25: file->places = (const scene_file_place *)(const void *)elsewhere; break;
+        case 26: places[0].offset[1] = (float)INFINITY; break;
         default: break;
     }
     if (lie) return;
@@ -250,14 +262,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 20 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+/* Each of 26 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
    dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 20; lie++) {
+    for (lie = 1; lie <= 26; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
