@@ -119,8 +119,8 @@ TEST(the_table_tells_the_places) {
     CHECK(strstr(text, "\"size\": 32,") && strstr(text, "{\"atlas\": [\"atlas_0.rgbm.png\", \"atlas_0.pfm\"], \"png\": "
           "\"atlas_0.png\", \"intensity\": ") && strstr(text, "[\"atlas_1.rgbm.png\", ") && strstr(text,
           "\"rgbm_range\": "), "%s", text);
-    CHECK(strstr(text, "{\"name\": \"floor \\\"1\\\"\", \"node\": 0, \"map\": 0, \"scale\": [1, 1], \"offset\": [0, 0]}"),
-          "%s", text);
+    CHECK(strstr(text, "{\"name\": \"floor \\\"1\\\"\", \"node\": 0, \"map\": 0, \"scale\": [1, 1], \"offset\": "
+          "[0, 0]}"), "%s", text);
     CHECK(strstr(text, "{\"name\": \"lamp\", \"node\": 1, \"map\": 1, \"scale\": [1, 1], \"offset\": [0, 0]}"), "%s",
           text);
     CHECK(strstr(text, "{\"name\": \"shelf\", \"node\": 2, \"map\": 1, \"scale\": [0.75, 0.5], \"offset\": "
@@ -148,7 +148,8 @@ TEST(materials_refer_to_their_maps) {
     if (!make_room()) SKIP("built without cJSON");
     for (only = 0; only < 2; only++) {
         const char *const out = only ? "other" : "both";
-        CHECK(TOOL(DIRECT, "--lit", "32", "-o", out, only ? "--map" : "--quiet", only ? "1" : NULL) == 0, "%s", ran.err);
+        CHECK(TOOL(DIRECT, "--lit", "32", "-o", out, only ? "--map" : "--quiet", only ? "1" : NULL) == 0, "%s",
+              ran.err);
         read_json(only ? "other/scene.gltf" : "both/scene.gltf");
         for (mesh = 0; mesh < 3; mesh++) {
             const int material = number_in(element("\"meshes\"", mesh), "\"material\": ");
@@ -176,8 +177,8 @@ TEST(some_need_one_map) {
     CHECK(TOOL(DIRECT, "--part", "1/2", "-o", "1.exr") == 1 && said("it has 2 lightmaps, and --part works with one") &&
           ran.err_lines == 1, "%s", ran.err);
     mkdir(in_folder("parts"), 0777);
-    CHECK(TOOL(DIRECT, "--join", "parts", "-o", "joined") == 1 && said("and --join works with one; choose it: --map 0 to "
-          "--map 1") && !exists("joined"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--join", "parts", "-o", "joined") == 1 && said("and --join works with one; choose it: --map 0 "
+          "to --map 1") && !exists("joined"), "%s", ran.err);
     CHECK(TOOL(DIRECT, "--map", "2", "-o", "no") == 1 && said("no mesh is in map 2") && !exists("no"), "%s", ran.err);
     write_two("two.gltf", 2);
     CHECK(TOOL(DIRECT, "-o", "no") == 1 && said("no mesh is in map 1; the maps of the scene are 0 to 2") &&

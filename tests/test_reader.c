@@ -881,8 +881,8 @@ TEST(places_in_lightmaps) {
     scene_file_free(file);
 }
 
-/* Each mesh has a map, and scene_file_keep_map takes the lightmap coordinates of all others. A second set needs no first
-   one, in any order; others than the first need all before them. */
+/* Each mesh has a map, and scene_file_keep_map takes the lightmap coordinates of all others. A second set needs no
+   first one, in any order; others than the first need all before them. */
 TEST(sets_and_maps) {
     static const char *const sets[] = { ",\"TEXCOORD_1\":2", ",\"TEXCOORD_1\":2,\"TEXCOORD_0\":1",
         ",\"TEXCOORD_0\":1,\"TEXCOORD_2\":2", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2,\"TEXCOORD_3\":1" };
