@@ -92,11 +92,17 @@ static const tool_option table[OPTION_COUNT] = {
                    "refers to\n"
                    "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
-                   "overlap.png      only if charts overlap; shared texels are red" },
+                   "overlap.png      only if charts overlap; shared texels are red\n"
+                   "If sbl_unwrap has made several maps for the scene, all are baked with the same bounced light. Names of "
+                   "pictures\n"
+                   "then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files refer to all maps\n"
+                   "maps.json        only of several maps: their files and factors; of each node: its map, and scale and offset "
+                   "of\n"
+                   "                 its TEXCOORD_1 in the map" },
     [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
-              "with --lightmap: bakes the meshes of map K alone, if sbl_unwrap has made several maps for the scene; "
-              "the first\n"
-              "is 0. Use one --store for all" },
+              "with --lightmap: bakes only map K, if sbl_unwrap has made several maps for the scene; the first is 0. "
+              "Names of\n"
+              "files have no number then. --part and --join need it. Use one --store for all" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [FORMATS] = { "--formats", "LIST", TEXT, &options.format_list, 0, 0, 0,
@@ -244,9 +250,10 @@ static const tool_option table[OPTION_COUNT] = {
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
                  "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
                  "than\n"
-                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which "
-                 "is removed\n"
-                 "at the end; while it exists, a run without --resume is refused" },
+                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts (of "
+                 "several maps:\n"
+                 "OUTPUT_0.parts, ...), which is removed at the end; while it exists, a run without --resume is "
+                 "refused" },
 };
 static int given[OPTION_COUNT];
 static light_groups groups;
