@@ -166,6 +166,11 @@ if [ -x build/sbl_bake ] && [ -f "$folder/baked/scene.gltf" ]; then
     check light_is_added_to_a_gltf adds_light "$folder/beside.gltf" "$folder/lit.gltf" "$folder/beside" 0 1 2
     check light_of_maps adds_maps
     check light_of_all_maps adds_all_maps
+    if [ -d build/engines/node_modules/gltf-validator ]; then
+        check files_of_maps_are_valid node tests/engines/validate.cjs build/engines/node_modules \
+            "$folder/all/scene.gltf" "$folder/all/scene_lit.glb" "$folder/mixed_0,0,0/scene.gltf" "$folder/all.glb" \
+            "$folder/anew.glb"
+    else skip files_of_maps_are_valid "build/engines/node_modules is missing (scripts/setup --test)"; fi
     check one_map_is_chosen refuses_light "$folder/mixed0" "$folder/mixed.gltf" 'choose it with --map'
     node tests/support/unwrap.js bakes "$folder/bad" "$folder/baked" "$folder/mixed.gltf"
     while read -r name words; do
