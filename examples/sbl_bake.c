@@ -93,11 +93,11 @@ static const tool_option table[OPTION_COUNT] = {
                    "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
                    "overlap.png      only if charts overlap; shared texels are red\n"
-                   "If sbl_unwrap has made several maps for the scene, all are baked with the same bounced light. Names "
-                   "of pictures\n"
+                   "If sbl_unwrap has made several maps for the scene, all are baked with the same bounced light. "
+                   "Names of pictures\n"
                    "then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files refer to all maps\n"
-                   "maps.json        only of several maps: their files and factors; of each node: its map, and scale and "
-                   "offset of\n"
+                   "maps.json        only of several maps: their files and factors; of each node: its map, and scale "
+                   "and offset of\n"
                    "                 its TEXCOORD_1 in the map" },
     [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
               "with --lightmap: bakes only map K, if sbl_unwrap has made several maps for the scene; the first is 0. "

@@ -468,7 +468,7 @@ function things(maker, json) {
     json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
     json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
     json.extensions = { KHR_lights_punctual: { lights }, EXT_unknown: { a: [] } };
-    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR'),
+    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR', { min: [0], max: [1] }),
                                                     output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3') }],
                          channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
 }
