@@ -90,6 +90,13 @@ check usable_coordinates_are_placed is_placed
 check overlapping_ones_are_replaced is_replaced overlaps overlap
 check ones_outside_are_replaced is_replaced beyond 'not inside'
 check a_result_is_kept again
+# a first set that stands for a missing one becomes new, too
+again_without_first() {
+    unwrap "$folder/overlaps.gltf" "$folder/new.gltf" 64 && holds one_set "$folder/new.gltf" &&
+        unwrap "$folder/new.gltf" "$folder/new.glb" 64 --again && holds one_set "$folder/new.glb" &&
+        holds apart "$folder/new.glb" 64 2 50 && holds surface "$folder/overlaps.gltf" "$folder/new.glb"
+}
+check a_result_without_a_first_set again_without_first
 
 # >>instances, in sbl_bake
 

@@ -327,6 +327,12 @@ const checks = {
         }
     },
 
+    // one_set FILE: all meshes have one set of coordinates as both the first and the second
+    one_set(file) {
+        for (const { primitives } of read(file).json.meshes)
+            for (const { attributes: a } of primitives) assert.strictEqual(a.TEXCOORD_0, a.TEXCOORD_1);
+    },
+
     // surface BEFORE AFTER: the same triangles, in the same order
     surface(before, after) {
         const [a, b] = [before, after].map((name) => triangles(read(name)).map((t) => t.p));
@@ -468,7 +474,8 @@ function things(maker, json) {
     json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
     json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
     json.extensions = { KHR_lights_punctual: { lights }, EXT_unknown: { a: [] } };
-    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR', { min: [0], max: [1] }),
+    const input = maker.add(Float32Array.of(0, 1), 'SCALAR', { min: [0], max: [1] });
+    json.animations = [{ name: 'sway', samplers: [{ input,
                                                     output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3') }],
                          channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
 }
