@@ -79,7 +79,7 @@ static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; with --lightmap or --cubemaps, FILE is a folder, which is created if it does not exist" },
-    [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
+    [LIGHTMAP] = { "--lightmap", "N|auto", INTEGERS, &options.lightmap, 1, 1, 16384,
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; sbl_unwrap makes them) into "
                    "one map\n"
                    "of N x N texels, and writes these files into the folder of --output:\n"
@@ -98,7 +98,8 @@ static const tool_option table[OPTION_COUNT] = {
                    "then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files refer to all maps\n"
                    "maps.json        only of several maps: their files and factors; of each node: its map, and scale "
                    "and offset of\n"
-                   "                 its TEXCOORD_1 in the map" },
+                   "                 its TEXCOORD_1 in the map\n"
+                   "auto: the size for which sbl_unwrap has made the coordinates", exposure_words },
     [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
               "with --lightmap: bakes only map K, if sbl_unwrap has made several maps for the scene; the first is 0. "
               "Names of\n"

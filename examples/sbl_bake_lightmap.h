@@ -130,6 +130,9 @@ static int find_maps(scene_file *file) {
     if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
         return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
                     last + 1, table[given[PART] ? PART : JOIN].name, last);
+    if (!options.lightmap) options.lightmap = file->map_size;  /* auto */
+    if (!options.lightmap)
+        return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);
     if (given[MAP]) scene_file_keep_map(file, options.map);
     map_count = file->map_count;
     return DONE;

@@ -149,6 +149,7 @@ typedef struct scene_file {
     char warnings[SCENE_FILE_WARNINGS][256];
     int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
     int map_count;                /* number of lightmaps that the file has coordinates for */
+    int map_size;                 /* texels across a lightmap, as sbl_unwrap has noted it; 0: not known */
     const int *maps;              /* one per mesh: the lightmap that it is in (extras.lightmapIndex, or 0), below
                                      map_count; -1: it has no second texture coordinates */
     const scene_file_place *places;  /* one per mesh; lightmap_texcoords is already there */

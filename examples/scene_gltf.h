@@ -23,7 +23,7 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
 #define SCENE__MOST_SCALE 1000.0f  /* of a normal map */
-enum { SCENE__MOST_MAPS = 10000 };
+enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* numbers of lightmaps, texels across one */
 
 /* What the name of a material tells about it. */
 enum {
@@ -233,6 +233,9 @@ static void scene__name_places(scene_file *file, cJSON *root) {
 
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
+    item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
+    if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
+        file->map_size = item->valueint;
     scene__order_texcoords(root);
     scene__name_places(file, root);
     scene__name_materials(root);
@@ -292,7 +295,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     size_t length = bytes->size - start;
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
-        "lightmapIndex" };
+        "lightmapIndex", "lightmapSize" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

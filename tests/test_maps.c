@@ -180,6 +180,8 @@ TEST(some_need_one_map) {
     CHECK(TOOL(DIRECT, "--join", "parts", "-o", "joined") == 1 && said("and --join works with one; choose it: --map 0 "
           "to --map 1") && !exists("joined"), "%s", ran.err);
     CHECK(TOOL(DIRECT, "--map", "2", "-o", "no") == 1 && said("no mesh is in map 2") && !exists("no"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--lightmap", "auto", "-o", "no") == 1 && said("does not say how large its map is") &&
+          !exists("no"), "%s", ran.err);
     write_two("two.gltf", 2);
     CHECK(TOOL(DIRECT, "-o", "no") == 1 && said("no mesh is in map 1; the maps of the scene are 0 to 2") &&
           ran.err_lines == 1 && !exists("no"), "%s", ran.err);

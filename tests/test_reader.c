@@ -249,7 +249,9 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 23: m->lightmap_texcoords.data = NULL; break;
         case 24: file->maps = (const int *)(const void *)elsewhere; break;
         case 25: file->places = (const scene_file_place *)(const void *)elsewhere; break;
+
         case 26: places[0].offset[1] = (float)INFINITY; break;
+        case 27: file->map_size = 1 << 20; break;
         default: break;
     }
     if (lie) return;
@@ -262,14 +264,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 26 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+/* Each of 27 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
    dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 26; lie++) {
+    for (lie = 1; lie <= 27; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);

@@ -113,7 +113,7 @@ lit() {
 # all maps in one run are those of runs of their own
 all_maps() {
     set -- --lightmap 112 --mode direct --preset draft --quiet --formats pfm
-    build/sbl_bake "$folder/maps.glb" "$@" --lit 64 -o "$folder/all" || return 1
+    build/sbl_bake "$folder/maps.glb" "$@" --lightmap auto --lit 64 -o "$folder/all" || return 1
     for map in 0 1; do
         build/sbl_bake "$folder/maps.glb" "$@" --map $map --lit 0 -o "$folder/map$map" &&
             [ ! -e "$folder/map$map/overlap.png" ] && [ ! -e "$folder/all/overlap_$map.png" ] &&

@@ -110,6 +110,8 @@ function texels({ t }, size, visit) {
 function plain(scene, has) {
     const json = JSON.parse(JSON.stringify(scene.json));
     for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
+    if (json.asset.extras) delete json.asset.extras.lightmapSize;
+    if (json.asset.extras && !Object.keys(json.asset.extras).length) delete json.asset.extras;
     for (const n of json.nodes) {
         for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
         if (n.extras && !Object.keys(n.extras).length) delete n.extras;
