@@ -2,11 +2,14 @@
    must lie in client memory, with 32-bit floats and indices, and pixels of colours must be sRGB or floats, as
    scene_file.h makes them. Lights are left out unless has_lights is set, because baked light replaces them. If some
    materials are not matte or let light pass, matte ones get KHR_materials_specular with the factor 0, which removes
-   reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The extension MOZ_lightmap refers to
-   the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
-   from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
+   reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The extension MOZ_lightmap of the
+   materials of meshes in a lightmap refers to it (index of the texture, texCoord 1, intensity); viewers compute
+   irradiance = intensity * texture, decoded from sRGB. A material of meshes in several lightmaps, or in one and in
+   none, is written once for each. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL, 0, 0, NULL, 0, NULL };
+       gltf_map map = { "atlas.png", 3.5 };
+       gltf_file out = { .scene = &file->scene, .names = file->names, .bin = "scene.bin", .maps = &map,
+                         .map_count = 1, .map_of = file->maps };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -18,12 +21,27 @@
 
 enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of a texture's file name; most parts of radiance */
 
+typedef struct gltf_map {
+    const char *name;           /* file name of the lightmap */
+    double intensity;           /* irradiance divided by the linear value of the lightmap */
+} gltf_map;
+
+/* A material as meshes of a lightmap use it; map -1: as meshes in none use it. */
+typedef struct gltf__use { int material, map; } gltf__use;
+
+/* The materials of the .gltf. */
+typedef struct gltf__materials {
+    int *numbers;               /* of each use: at [material * (map_count + 1) + map + 1]; -1: there is none */
+    gltf__use *uses;            /* one per material of the .gltf */
+    int count;
+} gltf__materials;
+
 typedef struct gltf_file {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
     const char *bin;            /* file name of the .bin */
-    const char *lightmap;       /* file name of the lightmap, or NULL */
-    double intensity;           /* irradiance divided by the linear value of the lightmap */
+    const gltf_map *maps;       /* the lightmaps */
+    int map_count;              /* number of lightmaps; may be 0 */
     const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE; then
                                    likewise those of its parts */
     const char *const *parts;   /* names of the parts of radiance: the attributes _RADIANCE_NAME */
@@ -32,6 +50,8 @@ typedef struct gltf_file {
     const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
     int has_lights;             /* 1: the lights of the scene are written as well */
     const float *camera;        /* NULL, or a camera: eye, forward and up, three floats each, and fov_y in degrees */
+    const int *map_of;          /* one per mesh: number of its lightmap; -1: it is in none. NULL without lightmaps */
+    const gltf__materials *materials;  /* is set by gltf_write_json */
 } gltf_file;
 
 static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }
@@ -188,10 +208,10 @@ static void gltf__put_transmission(FILE *out, const sbl_material *m) {
     fputc('}', out);
 }
 
-static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_material *m) {
+static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_material *m, int map) {
     const int bits = gltf__extensions(f, m);
     const char *before = ", \"extensions\": {";
-    if (!bits && !f->lightmap) return;
+    if (!bits && map < 0) return;
     if (bits & GLTF__STRENGTH) {
         fprintf(out, "%s\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}", before, gltf__strength(m));
         before = ", ";
@@ -204,9 +224,9 @@ static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_materi
         gltf__put_transmission(out, m);
         before = ", ";
     }
-    if (f->lightmap)
+    if (map >= 0)
         fprintf(out, "%s\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", before,
-                f->scene->texture_count, f->intensity);
+                f->scene->texture_count + map, f->maps[map].intensity);
     fputc('}', out);
 }
 
@@ -219,7 +239,8 @@ static void gltf__put_normal_texture(FILE *out, const sbl_material *m) {
 }
 
 static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
-    const sbl_material *m = &f->scene->materials[number];
+    const gltf__use *use = &f->materials->uses[number];
+    const sbl_material *m = &f->scene->materials[use->material];
     const double most = gltf__strength(m);
     fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": %.7g, "
             "\"roughnessFactor\": %.7g, "
@@ -237,8 +258,40 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     if (m->flags & SBL_MATERIAL_BLEND) fprintf(out, ", \"alphaMode\": \"BLEND\"");
     else if (m->alpha_cutoff > 0)
         fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
-    gltf__put_extensions(out, f, m);
+    gltf__put_extensions(out, f, m, use->map);
     fputc('}', out);
+}
+
+/* Returns the place of the material of a mesh in gltf__materials.numbers. number: of the mesh */
+static size_t gltf__use_of(const gltf_file *f, int number) {
+    const int map = f->map_of && f->map_count ? f->map_of[number] : -1;
+    return (size_t)f->scene->meshes[number].material * (size_t)(f->map_count + 1) + (size_t)(map + 1);
+}
+
+/* Numbers the materials: those of the scene keep their numbers, as their first meshes use them; their other uses
+   follow. Returns 0 if memory runs out. */
+static int gltf__find_materials(const gltf_file *f, gltf__materials *out) {
+    const size_t maps = (size_t)f->map_count + 1, count = (size_t)f->scene->material_count;
+    size_t i;
+    int number;
+    out->count = f->scene->material_count;
+    out->numbers = (int *)malloc((count * maps + 1) * sizeof *out->numbers);
+    out->uses = (gltf__use *)malloc((count * maps + 1) * sizeof *out->uses);
+    if (!out->numbers || !out->uses) return 0;
+    for (i = 0; i < count * maps; i++) out->numbers[i] = -1;
+    for (i = 0; i < count; i++) {
+        out->uses[i].material = (int)i;
+        out->uses[i].map = -2;  /* not known yet */
+    }
+    for (number = 0; number < f->scene->mesh_count; number++) {
+        const size_t at = gltf__use_of(f, number);
+        const int material = f->scene->meshes[number].material, map = (int)(at % maps) - 1;
+        if (out->numbers[at] >= 0) continue;
+        out->numbers[at] = out->uses[material].map == -2 ? material : out->count++;
+        out->uses[out->numbers[at]].material = material;
+        out->uses[out->numbers[at]].map = map;
+    }
+    return 1;
 }
 
 /* glTF requires the bounds of positions. */
@@ -275,7 +328,7 @@ static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
         if (!arrays[GLTF_POSITION].count) continue;
         if (what == GLTF__MESHES)
             fprintf(out, "%s\n    {\"primitives\": [{\"material\": %d, \"attributes\": {", meshes++ ? "," : "",
-                    m->material);
+                    f->materials->numbers[gltf__use_of(f, number)]);
         for (k = 0; k < GLTF_ARRAYS; k++) {
             const gltf__array *a = &arrays[k];
             if (!a->count) continue;
@@ -388,20 +441,19 @@ static void gltf__put_nodes(FILE *out, const gltf_file *f) {
 }
 
 static void gltf__put_textures(FILE *out, const gltf_file *f) {
-    const int count = f->scene->texture_count, all = count + (f->lightmap != NULL);
+    const int count = f->scene->texture_count, all = count + f->map_count;
     char name[GLTF_NAME];
     int i;
     if (!all) return;
     fprintf(out, ",\n  \"images\": [");
-    for (i = 0; i < count; i++) {
+    for (i = 0; i < all; i++) {
         gltf_texture_name(name, i);
-        fprintf(out, "%s\n    {\"uri\": \"%s\"}", i ? "," : "", name);
+        fprintf(out, "%s\n    {\"uri\": \"%s\"}", i ? "," : "", i < count ? name : f->maps[i - count].name);
     }
-    if (f->lightmap) fprintf(out, "%s\n    {\"uri\": \"%s\"}", count ? "," : "", f->lightmap);
     fprintf(out, "\n  ],\n  \"samplers\": [{\"wrapS\": 10497, \"wrapT\": 10497}, {\"wrapS\": 33071, \"wrapT\": 33071}],"
             "\n  \"textures\": [");
     for (i = 0; i < all; i++)
-        fprintf(out, "%s\n    {\"source\": %d, \"sampler\": %d}", i ? "," : "", i, i == count ||
+        fprintf(out, "%s\n    {\"source\": %d, \"sampler\": %d}", i ? "," : "", i, i >= count ||
                 f->scene->textures[i].wrap == SBL_WRAP_CLAMP);
     fprintf(out, "\n  ]");
 }
@@ -410,21 +462,21 @@ static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
     static const char *const names[] = { "KHR_materials_emissive_strength", "KHR_materials_ior",
         "KHR_materials_specular", "KHR_materials_transmission", "MOZ_lightmap",
         "KHR_lights_punctual" };
-    int i, bits = (f->lightmap ? 16 : 0) | (gltf__light_count(f) ? 32 : 0), count = 0;
+    int i, bits = (f->map_count ? 16 : 0) | (gltf__light_count(f) ? 32 : 0), count = 0;
     for (i = 0; i < f->scene->material_count; i++) bits |= gltf__extensions(f, &f->scene->materials[i]);
     for (i = 0; i < 6; i++)
         if (bits >> i & 1) fprintf(out, "%s\"%s\"", count++ ? ", " : ",\n  \"extensionsUsed\": [", names[i]);
     if (count) fputc(']', out);
 }
 
-static inline int gltf_write_json(FILE *out, const gltf_file *f) {
+static void gltf__put_json(FILE *out, const gltf_file *f) {
     double bytes;
     int i;
     fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"%s%s}", sbl_version(),
             f->extras ? ", \"extras\": " : "", f->extras ? f->extras : "");
     gltf__put_extensions_used(out, f);
     fprintf(out, ",\n  \"materials\": [");
-    for (i = 0; i < f->scene->material_count; i++) gltf__put_material(out, f, i);
+    for (i = 0; i < f->materials->count; i++) gltf__put_material(out, f, i);
     fprintf(out, "\n  ]");
     gltf__put_textures(out, f);
     fprintf(out, ",\n  \"accessors\": [");
@@ -437,7 +489,18 @@ static inline int gltf_write_json(FILE *out, const gltf_file *f) {
     gltf__put_nodes(out, f);
     gltf__put_lights(out, f);
     fprintf(out, "\n}\n");
-    return 1;
+}
+
+/* Returns 0 if memory runs out. */
+static inline int gltf_write_json(FILE *out, const gltf_file *f) {
+    gltf__materials materials = { NULL, NULL, 0 };
+    gltf_file own = *f;
+    const int ok = gltf__find_materials(f, &materials);
+    own.materials = &materials;
+    if (ok) gltf__put_json(out, &own);
+    free(materials.numbers);
+    free(materials.uses);
+    return ok;
 }
 
 #endif

@@ -128,8 +128,8 @@ enum { BALL_VERTICES = 48 * 24 * 6 };
 typedef struct drawn { GLuint array, buffers[5]; } drawn;  /* a mesh in GL */
 
 typedef struct host {
-    GLuint program, ball_program, ball_array, lightmap, white, framebuffer, color, depth;
-    GLuint *textures;
+    GLuint program, ball_program, ball_array, white, framebuffer, color, depth;
+    GLuint *textures, *lightmaps;
     drawn *meshes;
 } host;
 
@@ -182,21 +182,26 @@ static void mesh_make(drawn *d, const sbl_mesh *m) {
     gl.BufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)m->index_count * 4, m->indices.data, GL_STATIC_DRAW);
 }
 
-static int host_make(host *h, const sbl_scene_desc *scene, const image *lightmap) {
+static int host_make(host *h, const scene_file *file, const image *lightmaps) {
+    const sbl_scene_desc *scene = &file->scene;
     static const unsigned char white[4] = { 255, 255, 255, 255 };
     int i;
     h->program = host_gl_program(TOOL_NAME, "", vertex_shader, fragment_shader);
     h->textures = (GLuint *)calloc((size_t)scene->texture_count + 1, sizeof *h->textures);
+    h->lightmaps = (GLuint *)calloc((size_t)file->map_count + 1, sizeof *h->lightmaps);
     h->meshes = (drawn *)calloc((size_t)scene->mesh_count + 1, sizeof *h->meshes);
     h->ball_program = host_gl_program(TOOL_NAME, "", ball_vertex_shader, ball_fragment_shader);
-    if (!h->program || !h->ball_program || !h->textures || !h->meshes) return 0;
+    if (!h->program || !h->ball_program || !h->textures || !h->lightmaps || !h->meshes) return 0;
     gl.GenVertexArrays(1, &h->ball_array);
     h->white = texture_of(GL_RGBA8, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, white);
     /* Bilinear filtering is enough, because light is smooth. Mip maps would mix neighbouring charts where gutters are
        narrow. */
-    h->lightmap = texture_of(GL_RGB16F, lightmap->width, lightmap->height, GL_RGB, GL_FLOAT, lightmap->values);
-    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
-    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    for (i = 0; i < file->map_count; i++) {
+        const image *from = &lightmaps[i];
+        h->lightmaps[i] = texture_of(GL_RGB16F, from->width, from->height, GL_RGB, GL_FLOAT, from->values);
+        gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+        gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    }
     for (i = 0; i < scene->texture_count; i++) h->textures[i] = scene_texture(&scene->textures[i]);
     for (i = 0; i < scene->mesh_count; i++) mesh_make(&h->meshes[i], &scene->meshes[i]);
     h->color = texture_of(GL_RGBA32F, camera.size[0], camera.size[1], GL_RGBA, GL_FLOAT, NULL);
@@ -214,9 +219,9 @@ static void bind_texture(const host *h, const char *name, GLint unit, GLuint tex
     gl.BindTexture(GL_TEXTURE_2D, texture);
 }
 
-static void draw(const host *h, const sbl_scene_desc *scene, const float world_to_view[16],
-                 const float view_to_clip[16]) {
+static void draw(const host *h, const scene_file *file, const float world_to_view[16], const float view_to_clip[16]) {
     static const float still[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
+    const sbl_scene_desc *scene = &file->scene;
     int i, k, moved;
     gl.Viewport(0, 0, camera.size[0], camera.size[1]);
     gl.ClearColor((float)common.sky[0], (float)common.sky[1], (float)common.sky[2], 1);
@@ -226,7 +231,6 @@ static void draw(const host *h, const sbl_scene_desc *scene, const float world_t
     gl.UniformMatrix4fv(host_gl_uniform(h->program, "world_to_view"), 1, GL_FALSE, world_to_view);
     gl.UniformMatrix4fv(host_gl_uniform(h->program, "view_to_clip"), 1, GL_FALSE, view_to_clip);
     gl.Uniform1i(host_gl_uniform(h->program, "channel"), channel);
-    bind_texture(h, "lightmap", 0, h->lightmap);
     for (i = 0; i < scene->mesh_count; i++) {
         const sbl_mesh *m = &scene->meshes[i];
         const sbl_material *material = &scene->materials[m->material];
@@ -235,6 +239,7 @@ static void draw(const host *h, const sbl_scene_desc *scene, const float world_t
         gl.Uniform3fv(host_gl_uniform(h->program, "albedo"), 1, material->albedo);
         gl.Uniform3fv(host_gl_uniform(h->program, "emission"), 1, material->emission);
         gl.Uniform1f(host_gl_uniform(h->program, "alpha_cutoff"), material->alpha_cutoff);
+        bind_texture(h, "lightmap", 0, h->lightmaps[file->maps[i] < 0 ? 0 : file->maps[i]]);
         bind_texture(h, "albedo_texture", 1, material->albedo_texture ? h->textures[material->albedo_texture - 1]
                      : h->white);
         bind_texture(h, "emission_texture", 2, material->emission_texture ? h->textures[material->emission_texture - 1]
@@ -357,8 +362,9 @@ static void print_help(void) {
            "       host_lightmap SCENE FOLDER [options]\n\n"
            "Draws SCENE, which has second texture coordinates, in plain OpenGL 3.3, with the light that\n"
            "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER: the newest of atlas.exr, .pfm, .ktx2, .hdr and\n"
-           ".rgbm.png. Without -o, the camera moves a little, while a ball passes through the light of probes, and\n"
-           "%d frames are written: FOLDER/frame_00.png and so on. Options for light apply to the probes.\n",
+           ".rgbm.png; of several maps, atlas_K.exr and so on for each map K. Without -o, the camera moves a\n"
+           "little, while a ball passes through the light of probes, and %d frames are written:\n"
+           "FOLDER/frame_00.png and so on. Options for light apply to the probes.\n",
            (int)FRAMES);
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
 }
@@ -416,46 +422,61 @@ static int draw_walk(const host *h, const scene_file *file, const room *r) {
         for (k = 0; k < 3; k++)
             ball[k] = eye[k] + across * (0.08f * time * start[4 * k] - 0.015f * start[4 * k + 1] - 0.1f *
                                          start[4 * k + 2]);
-        draw(h, &file->scene, world_to_view, r->view_to_clip);
+        draw(h, file, world_to_view, r->view_to_clip);
         draw_ball(h, r, ball, world_to_view, r->view_to_clip);
         status = keep_frame(i);
     }
     return status;
 }
 
-static int show(const scene_file *file, const image *lightmap, const room *r) {
+static int show(const scene_file *file, const image *lightmaps, const room *r) {
     host h = { 0 };
     int status;
     if (!host_gl_open(TOOL_NAME)) return FAILED;
-    if (!host_make(&h, &file->scene, lightmap)) status = fail("the driver cannot draw the scene");
+    if (!host_make(&h, file, lightmaps)) status = fail("the driver cannot draw the scene");
     else if (!common.output) status = draw_walk(&h, file, r);
     else {
-        draw(&h, &file->scene, r->world_to_view, r->view_to_clip);
+        draw(&h, file, r->world_to_view, r->view_to_clip);
         status = keep_frame(0);
     }
     free(h.textures);
+    free(h.lightmaps);
     free(h.meshes);
     host_gl_close();  /* also destroys all objects in it */
     return status;
 }
 
-static int draw_all(tool_task *task, double *seconds) {
+/* Reads the maps of all meshes. Returns the exit status. */
+static int read_maps(const scene_file *file, image *maps) {
     char path[PATH_MAX], name[PATH_MAX - 16];
-    image lightmap = { 0 };
+    int i;
+    if (!maps) return fail("out of memory");
+    for (i = 0; i < file->map_count; i++) {
+        snprintf(name, sizeof name, file->map_count > 1 ? "%s/atlas_%d" : "%s/atlas", files[1], i);
+        map_find(path, sizeof path, name);
+        if (!map_read(path, &maps[i]))
+            return fail("%s: missing, or not a map of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
+                        files[0], files[1]);
+    }
+    return DONE;
+}
+
+static int draw_all(tool_task *task, double *seconds) {
+    const int count = task->file->map_count;
+    image *maps = (image *)calloc((size_t)count + 1, sizeof *maps);
     room *r = (room *)calloc(1, sizeof *r);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    int status, misplaced = 0;
-    snprintf(name, sizeof name, "%s/atlas", files[1]);
-    map_find(path, sizeof path, name);
+    int i, status, misplaced = 0;
     if (r) result = room_make(r, task->file, task->context, &misplaced);
     if (misplaced) status = camera_misuse();
     else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
-    else if (!map_read(path, &lightmap))
-        status = fail("%s: missing, or not a map of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
-                      files[0], files[1]);
-    else status = show(task->file, &lightmap, r);
-    free(lightmap.values);
+    else {
+        status = read_maps(task->file, maps);
+        if (status == DONE) status = show(task->file, maps, r);
+    }
+    for (i = 0; i < count && maps; i++) free(maps[i].values);
+    free(maps);
     free(r);
     *seconds = now() - task->start;
     return status;

@@ -8,11 +8,13 @@
    of the texture. The texture coordinates of the charts are both TEXCOORD_0 and TEXCOORD_1 (one array), so that viewers
    that know one set show the file, too. Positions are in world space, because glTF allows no shear in a matrix.
 
-   Meshes without lightmap_texcoords are shown in the mean light of the map. Include after gltf_file.h.
+   If there are several lightmaps, the file has a texture for each of them. Meshes in none are shown in the mean light
+   of the maps. Include after gltf_file.h.
 
-       lit_scene lit = { &file->scene, file->names, &atlas, 2048 };
-       lit.stops = lit_meter(&lit, &light);
-       ok = lit_spare(&lit) && lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
+       lit_scene lit = { &file->scene, file->names, file->maps, &atlas, 1, 2048 };
+       ok = lit_meter(&lit, &light);  // for the light of each map
+       lit.stops = lit_stops(&lit);
+       ok = ok && lit_spare(&lit) && lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
        lit_free(&lit); */
 #ifndef LIT_FILE_H
 #define LIT_FILE_H
@@ -22,19 +24,24 @@
 typedef struct lit_scene {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
-    const image *atlas;         /* R, continued into the gutters */
-    int size;                   /* texels across the texture */
+    const int *maps;            /* one per mesh: number of its map; -1: it is in none */
+    const image *atlases;       /* R of each map, continued into the gutters */
+    int map_count;
+    int size;                   /* texels across the texture of a map */
     double stops;               /* exposure */
-    double mean[3];             /* mean R where there is a surface, from lit_meter */
+    double mean[3];             /* mean R where there is a surface, from lit_stops */
+    double *logs;               /* logarithms of luminances that lit_meter has found */
+    size_t log_count;
+    int map;                    /* the map whose texture is drawn */
     unsigned char *texels;      /* rgba, sRGB; the levels of a pyramid follow */
     unsigned char *rank;        /* per texel: 0: unknown, 255: inside a triangle, otherwise the nearer the higher */
-    char *png;                  /* the compressed texture */
-    size_t png_size;
+    char **pngs;                /* the compressed textures */
+    size_t *png_sizes;
     double gain;                /* 2 to the power of stops */
     const volatile sig_atomic_t *cancel;  /* NULL, or no more triangles are drawn if it is not 0 */
     float *metered;             /* receives luminances instead of texels; NULL: texels are made */
-    int *slots;                 /* number of each material in the .glb, first as in the map, then as outside of it; -1:
-                                   it is not used */
+    int *slots;                 /* number of each material in the .glb, first as in each map, then as outside of them;
+                                   -1: it is not used */
 } lit_scene;
 
 enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
@@ -79,21 +86,31 @@ static int lit__compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the
-   darkest and the brightest 5 % of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure.
-   Texels below a twentieth of the mean do not count: many are hidden. light: R; 0 where there is no surface */
-static inline double lit_meter(lit_scene *l, const image *light) {
+/* Meters the light of a map. light: R; 0 where there is no surface. Returns 0 if memory runs out. */
+static inline int lit_meter(lit_scene *l, const image *light) {
     const size_t all = (size_t)light->width * (size_t)light->height, step = all / LIT_METERED + 1;
-    double *logs = (double *)malloc((all / step + 1) * sizeof *logs), sum = 0, stops = 0, mean;
-    size_t i, count = 0, dark = 0, cut;
+    double *logs = (double *)realloc(l->logs, (l->log_count + all / step + 1) * sizeof *logs);
+    size_t i;
     int k;
-    for (i = 0; logs && i < all; i += step) {
+    if (!logs) return 0;
+    l->logs = logs;
+    for (i = 0; i < all; i += step) {
         const float *v = light->values + 3 * i;
         const double luminance = 0.2126 * (double)v[0] + 0.7152 * (double)v[1] + 0.0722 * (double)v[2];
         if (!(luminance > 0 && luminance < 1e30)) continue;
         for (k = 0; k < 3; k++) l->mean[k] += (double)v[k];
-        logs[count++] = log(luminance);
+        logs[l->log_count++] = log(luminance);
     }
+    return 1;
+}
+
+/* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the
+   darkest and the brightest 5 % of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure.
+   Texels below a twentieth of the mean do not count: many are hidden. */
+static inline double lit_stops(lit_scene *l) {
+    double *logs = l->logs, sum = 0, stops = 0, mean;
+    size_t i, count = l->log_count, dark = 0, cut;
+    int k;
     for (k = 0; k < 3 && count; k++) l->mean[k] /= (double)count;
     if (count) qsort(logs, count, sizeof *logs, lit__compare);
     mean = 0.2126 * l->mean[0] + 0.7152 * l->mean[1] + 0.0722 * l->mean[2];
@@ -102,7 +119,6 @@ static inline double lit_meter(lit_scene *l, const image *light) {
     cut = count / 20;
     for (i = cut; i < count - cut; i++) sum += logs[dark + i];
     if (count) stops = (log(0.71) - sum / (double)(count - 2 * cut)) / log(2.0);
-    free(logs);
     return stops;
 }
 
@@ -229,7 +245,8 @@ static void lit__mix(const lit_triangle *t, const void *data, int n, const doubl
 /* Adds what a sample of a surface shows to a sum of rgb and alpha. */
 static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double y, double sum[4]) {
     const sbl_material *m = t->material;
-    const double scale = (double)l->atlas->width / l->size;
+    const image *atlas = &l->atlases[l->map];
+    const double scale = (double)atlas->width / l->size;
     double shares[3], uv[2] = { 0, 0 }, color[4] = { 1, 1, 1, 1 }, tint[4], glow[4] = { 1, 1, 1, 1 }, R[3];
     int k;
     lit__shares(t, x, y, 1, shares);
@@ -240,7 +257,7 @@ static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double
         lit__mix(t, t->mesh->colors.data, 4, shares, tint);
         for (k = 0; k < 4; k++) color[k] *= tint[k];
     }
-    lit__light(l->atlas, x * scale, y * scale, R);
+    lit__light(atlas, x * scale, y * scale, R);
     for (k = 0; k < 3; k++)
         sum[k] += (double)m->albedo[k] * color[k] * R[k] + (double)m->emission[k] * glow[k];
     sum[3] += color[3] * (1 - 0.9 * (double)m->transmission);
@@ -267,7 +284,7 @@ static void lit__texel(const lit_scene *l, const lit_triangle *t, int x, int y, 
 /* Returns how many samples across a texel tell the texels of a texture apart. */
 static int lit__samples(const lit_scene *l, const lit_triangle *t) {
     const int number = t->material->albedo_texture ? t->material->albedo_texture : t->material->emission_texture;
-    double least = (double)l->atlas->width / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
+    double least = (double)l->atlases[l->map].width / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
     int i, samples;
     for (i = 0; i < 2 && number && t->mesh->texcoords.data; i++) {
         const sbl_texture *texture = &l->scene->textures[number - 1];
@@ -345,31 +362,38 @@ static double lit__excess(const float *shown, size_t count, double stops) {
     return excess < 0 ? 0 : excess > 1.5 ? 1.5 : excess;
 }
 
-static void lit__draw_all(lit_scene *l) {
+/* Draws the meshes of a map. */
+static void lit__draw_map(lit_scene *l, int map) {
     int i;
+    l->map = map;
     for (i = 0; i < l->scene->mesh_count; i++)
-        if (l->scene->meshes[i].lightmap_texcoords.data) lit__draw_mesh(l, &l->scene->meshes[i]);
+        if (l->maps[i] == map) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
 
-/* Lowers the exposure if much would be too bright, as measured in a small texture. Returns 0 if memory runs out. */
+/* Lowers the exposure if much would be too bright, as measured in small textures. Returns 0 if memory runs out. */
 static inline int lit_spare(lit_scene *l) {
     lit_scene small = *l;
-    size_t count;
+    size_t count, all;
+    float *shown;
+    int map, ok;
     small.size = l->size < LIT_SPARED ? l->size : LIT_SPARED;
     count = (size_t)small.size * (size_t)small.size;
+    all = count * (size_t)l->map_count;
     small.gain = 1;
-    small.metered = (float *)calloc(count, sizeof *small.metered);
-    small.rank = (unsigned char *)calloc(count, 1);
+    shown = (float *)calloc(all, sizeof *shown);
+    small.rank = (unsigned char *)malloc(count);
     small.texels = NULL;
-    if (small.metered && small.rank) {
-        lit__fill_table();
-        lit__draw_all(&small);
-        l->stops -= lit__excess(small.metered, count, l->stops);
+    ok = shown && small.rank;
+    if (ok) lit__fill_table();
+    for (map = 0; map < l->map_count && ok; map++) {
+        memset(small.rank, 0, count);
+        small.metered = shown + count * (size_t)map;
+        lit__draw_map(&small, map);
     }
-    count = small.metered && small.rank;
-    free(small.metered);
+    if (ok) l->stops -= lit__excess(shown, all, l->stops);
+    free(shown);
     free(small.rank);
-    return count > 0;
+    return ok;
 }
 
 /* ---- texels that no triangle covers ---- */
@@ -440,13 +464,15 @@ static int lit__write_png(FILE *out, const lit_scene *l) {
 }
 
 static inline void lit_free(lit_scene *l) {
+    int map;
+    for (map = 0; map < l->map_count && l->pngs; map++) free(l->pngs[map]);
     free(l->texels);
     free(l->rank);
-    free(l->png);
+    free(l->pngs);
+    free(l->png_sizes);
     free(l->slots);
-    l->texels = l->rank = NULL;
-    l->png = NULL;
-    l->slots = NULL;
+    free(l->logs);
+    memset(l, 0, sizeof *l);
 }
 
 /* ---- the .glb ---- */
@@ -465,20 +491,23 @@ static size_t lit__bytes(const sbl_mesh *m, int array) {
     return m->lightmap_texcoords.data ? 8 * (size_t)m->vertex_count : 0;
 }
 
-/* Returns the place of the material of a mesh in l->slots. */
-static int lit__slot(const lit_scene *l, const sbl_mesh *m) {
-    return m->material + (m->lightmap_texcoords.data ? 0 : l->scene->material_count);
+/* Returns the place of the material of mesh number i in l->slots. */
+static int lit__slot(const lit_scene *l, int i) {
+    const int map = l->maps[i] < 0 ? l->map_count : l->maps[i];
+    return l->scene->meshes[i].material + map * l->scene->material_count;
 }
+
+static int lit__slot_count(const lit_scene *l) { return (l->map_count + 1) * l->scene->material_count; }
 
 /* Numbers the materials in the order of their first use. Returns 0 if memory runs out. */
 static int lit__find_slots(lit_scene *l) {
-    const int count = 2 * l->scene->material_count;
+    const int count = lit__slot_count(l);
     int i, used = 0;
     l->slots = (int *)malloc(((size_t)count + 1) * sizeof *l->slots);
     for (i = 0; i < count && l->slots; i++) l->slots[i] = -1;
     for (i = 0; i < l->scene->mesh_count && l->slots; i++) {
-        const sbl_mesh *m = &l->scene->meshes[i];
-        if (lit__is_shown(m) && l->slots[lit__slot(l, m)] < 0) l->slots[lit__slot(l, m)] = used++;
+        int *slot = &l->slots[lit__slot(l, i)];
+        if (lit__is_shown(&l->scene->meshes[i]) && *slot < 0) *slot = used++;
     }
     return l->slots != NULL;
 }
@@ -536,7 +565,7 @@ static void lit__put_bounds(FILE *out, const sbl_mesh *m) {
             (double)low[2], (double)high[0], (double)high[1], (double)high[2]);
 }
 
-/* Writes the accessors or the buffer views of all arrays. Returns the number of their bytes. */
+/* Writes the accessors, or the buffer views of all arrays and textures. Returns the number of bytes of the views. */
 static double lit__put_arrays(FILE *out, const lit_scene *l, int views) {
     static const struct { const char *type; int component, target, bytes; } kinds[LIT_ARRAYS] = {
         { "VEC3", 5126, 34962, 12 }, { "VEC2", 5126, 34962, 8 }, { "SCALAR", 5125, 34963, 4 }
@@ -561,21 +590,26 @@ static double lit__put_arrays(FILE *out, const lit_scene *l, int views) {
             count++;
         }
     }
-    if (views)
-        fprintf(out, ",\n    {\"buffer\": 0, \"byteOffset\": %.0f, \"byteLength\": %.0f}", at, (double)l->png_size);
+    for (k = 0; k < l->map_count; k++) {
+        if (views)
+            fprintf(out, ",\n    {\"buffer\": 0, \"byteOffset\": %.0f, \"byteLength\": %.0f}", at,
+                    (double)l->png_sizes[k]);
+        at += (double)l->png_sizes[k];
+    }
     return at;
 }
 
-/* Writes a material: of surfaces in the map, or of surfaces without a place in it. */
-static void lit__put_material(FILE *out, const lit_scene *l, int number, int mapped) {
-    const sbl_material *m = &l->scene->materials[number];
+/* Writes the material of a slot. */
+static void lit__put_material(FILE *out, const lit_scene *l, int slot) {
+    const sbl_material *m = &l->scene->materials[slot % l->scene->material_count];
+    const int map = slot / l->scene->material_count, mapped = map < l->map_count;
     double color[3];
     int k;
     for (k = 0; k < 3; k++) color[k] = l->gain * ((double)m->albedo[k] * l->mean[k] + (double)m->emission[k]);
     lit_tone(color);
     fprintf(out, "{\"doubleSided\": true, \"extensions\": {\"KHR_materials_unlit\": {}}, "
             "\"pbrMetallicRoughness\": {\"metallicFactor\": 0, \"roughnessFactor\": 1, ");
-    if (mapped) fprintf(out, "\"baseColorTexture\": {\"index\": 0, \"texCoord\": 1}}");
+    if (mapped) fprintf(out, "\"baseColorTexture\": {\"index\": %d, \"texCoord\": 1}}", map);
     else fprintf(out, "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]}", color[0], color[1], color[2]);
     if (mapped && ((m->flags & SBL_MATERIAL_BLEND) || m->transmission > 0)) fprintf(out, ", \"alphaMode\": \"BLEND\"");
     else if (mapped && m->alpha_cutoff > 0)
@@ -585,13 +619,13 @@ static void lit__put_material(FILE *out, const lit_scene *l, int number, int map
 
 /* Writes the materials that meshes use. */
 static void lit__put_materials(FILE *out, const lit_scene *l) {
-    const int count = l->scene->material_count;
-    int slot, i, found = 1;
-    for (slot = 0; found; slot++)
-        for (i = 0, found = 0; i < 2 * count && !found; i++) {
-            if (l->slots[i] != slot) continue;
-            fprintf(out, "%s\n    ", slot ? "," : "");
-            lit__put_material(out, l, i % count, i < count);
+    const int count = lit__slot_count(l);
+    int number, i, found = 1;
+    for (number = 0; found; number++)
+        for (i = 0, found = 0; i < count && !found; i++) {
+            if (l->slots[i] != number) continue;
+            fprintf(out, "%s\n    ", number ? "," : "");
+            lit__put_material(out, l, i);
             found = 1;
         }
 }
@@ -603,7 +637,7 @@ static void lit__put_meshes(FILE *out, const lit_scene *l) {
         const int mapped = m->lightmap_texcoords.data != NULL;
         if (!lit__is_shown(m)) continue;
         fprintf(out, "%s\n    {\"primitives\": [{\"material\": %d, \"attributes\": {\"POSITION\": %d",
-                count++ ? "," : "", l->slots[lit__slot(l, m)], accessor);
+                count++ ? "," : "", l->slots[lit__slot(l, i)], accessor);
         if (mapped) fprintf(out, ", \"TEXCOORD_0\": %d, \"TEXCOORD_1\": %d", accessor + 1, accessor + 1);
         fprintf(out, "}, \"indices\": %d}]}", accessor + 1 + mapped);
         accessor += 2 + mapped;
@@ -623,21 +657,27 @@ static void lit__put_nodes(FILE *out, const lit_scene *l) {
     fprintf(out, "]}]");
 }
 
-/* Writes the JSON. Returns the number of bytes of the arrays. */
+/* Writes the JSON. Returns the number of bytes of the arrays and textures. */
 static double lit__put_json(FILE *out, const lit_scene *l) {
+    const int arrays = lit__array_count(l);
     double bytes;
+    int map;
     fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\", \"extras\": {\"tone\": "
             "\"PBR Neutral\", \"exposure_stops\": %.9g}},\n  \"extensionsUsed\": [\"KHR_materials_unlit\"],\n"
-            "  \"images\": [{\"mimeType\": \"image/png\", \"bufferView\": %d}],\n", sbl_version(), l->stops,
-            lit__array_count(l));
-    fprintf(out, "  \"samplers\": [{\"magFilter\": 9729, \"minFilter\": 9987, \"wrapS\": 33071, \"wrapT\": 33071}],\n"
-            "  \"textures\": [{\"source\": 0, \"sampler\": 0}],\n  \"materials\": [");
+            "  \"images\": [", sbl_version(), l->stops);
+    for (map = 0; map < l->map_count; map++)
+        fprintf(out, "%s{\"mimeType\": \"image/png\", \"bufferView\": %d}", map ? ", " : "", arrays + map);
+    fprintf(out, "],\n  \"samplers\": [{\"magFilter\": 9729, \"minFilter\": 9987, \"wrapS\": 33071, "
+            "\"wrapT\": 33071}],\n  \"textures\": [");
+    for (map = 0; map < l->map_count; map++)
+        fprintf(out, "%s{\"source\": %d, \"sampler\": 0}", map ? ", " : "", map);
+    fprintf(out, "],\n  \"materials\": [");
     lit__put_materials(out, l);
     fprintf(out, "\n  ],\n  \"accessors\": [");
     lit__put_arrays(out, l, 0);
     fprintf(out, "\n  ],\n  \"bufferViews\": [");
     bytes = lit__put_arrays(out, l, 1);
-    fprintf(out, "\n  ],\n  \"buffers\": [{\"byteLength\": %.0f}],\n  \"meshes\": [", bytes + (double)l->png_size);
+    fprintf(out, "\n  ],\n  \"buffers\": [{\"byteLength\": %.0f}],\n  \"meshes\": [", bytes);
     lit__put_meshes(out, l);
     fprintf(out, "\n  ],\n  \"nodes\": [");
     lit__put_nodes(out, l);
@@ -645,24 +685,35 @@ static double lit__put_json(FILE *out, const lit_scene *l) {
     return bytes;
 }
 
-/* Makes the texture, unless *l->cancel is not 0. Returns 0 if memory runs out. */
-static inline int lit_make(lit_scene *l) {
-    const size_t count = (size_t)l->size * (size_t)l->size, levels = count + count / 3 + 4 * (size_t)l->size + 64;
+/* Makes the texture of a map. Returns 0 if memory runs out. */
+static int lit__make_texture(lit_scene *l, int map, size_t levels) {
     FILE *out;
     int ok;
-    l->gain = pow(2, l->stops);
-    lit__fill_table();
-    if (!lit__find_slots(l)) return 0;
-    l->texels = (unsigned char *)calloc(levels, 4);
-    l->rank = (unsigned char *)calloc(levels, 1);
-    if (!l->texels || !l->rank) return 0;
-    lit__draw_all(l);
+    memset(l->texels, 0, 4 * levels);
+    memset(l->rank, 0, levels);
+    lit__draw_map(l, map);
     if (l->cancel && *l->cancel) return 1;
     lit__fill(l->texels, l->rank, l->size);
-    out = open_memstream(&l->png, &l->png_size);
+    out = open_memstream(&l->pngs[map], &l->png_sizes[map]);
     if (!out) return 0;
     ok = lit__write_png(out, l);
     return fclose(out) == 0 && ok;
+}
+
+/* Makes the textures, unless *l->cancel is not 0. Returns 0 if memory runs out. */
+static inline int lit_make(lit_scene *l) {
+    const size_t count = (size_t)l->size * (size_t)l->size, levels = count + count / 3 + 4 * (size_t)l->size + 64;
+    int map, ok = lit__find_slots(l);
+    l->gain = pow(2, l->stops);
+    lit__fill_table();
+    l->texels = (unsigned char *)malloc(4 * levels);
+    l->rank = (unsigned char *)malloc(levels);
+    l->pngs = (char **)calloc((size_t)l->map_count + 1, sizeof *l->pngs);
+    l->png_sizes = (size_t *)calloc((size_t)l->map_count + 1, sizeof *l->png_sizes);
+    ok = ok && l->texels && l->rank && l->pngs && l->png_sizes;
+    for (map = 0; map < l->map_count && ok && !(l->cancel && *l->cancel); map++)
+        ok = lit__make_texture(l, map, levels);
+    return ok;
 }
 
 /* Writes the .glb. Returns 0 and sets errno if it fails. */
@@ -671,11 +722,12 @@ static inline int lit_write(FILE *out, const void *what) {
     char *json = NULL;
     size_t length = 0, i;
     double bytes, total;
+    int map;
     FILE *text = open_memstream(&json, &length);
     if (!text) return 0;
     bytes = lit__put_json(text, l);
     if (fclose(text) != 0) { free(json); return 0; }
-    total = 28 + ceil((double)length / 4) * 4 + ceil((bytes + (double)l->png_size) / 4) * 4;
+    total = 28 + ceil((double)length / 4) * 4 + ceil(bytes / 4) * 4;
     if (total > 4294967295.0) {
         free(json);
         errno = EFBIG;
@@ -689,12 +741,12 @@ static inline int lit_write(FILE *out, const void *what) {
     fwrite(json, 1, length, out);
     for (i = length; i % 4; i++) fputc(' ', out);
     free(json);
-    i = (size_t)bytes + l->png_size;
+    i = (size_t)bytes;
     gltf__put_word(out, (uint32_t)((i + 3) / 4 * 4));
     gltf__put_word(out, 0x004e4942);  /* "BIN" */
     for (length = 0; length < (size_t)l->scene->mesh_count; length++)
         if (lit__is_shown(&l->scene->meshes[length])) lit__put_mesh_bytes(out, &l->scene->meshes[length]);
-    fwrite(l->png, 1, l->png_size, out);
+    for (map = 0; map < l->map_count; map++) fwrite(l->pngs[map], 1, l->png_sizes[map], out);
     for (; i % 4; i++) fputc(0, out);
     return 1;
 }

@@ -28,7 +28,7 @@
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, supersample, samples, grid[3], cubemap_size;
+    int lightmap, map, gutter, supersample, samples, grid[3], cubemap_size;
     part_choice part;
     const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
@@ -79,7 +79,7 @@ static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; with --lightmap or --cubemaps, FILE is a folder, which is created if it does not exist" },
-    [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
+    [LIGHTMAP] = { "--lightmap", "N|auto", INTEGERS, &options.lightmap, 1, 1, 16384,
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; sbl_unwrap makes them) into "
                    "one map\n"
                    "of N x N texels, and writes these files into the folder of --output:\n"
@@ -92,11 +92,18 @@ static const tool_option table[OPTION_COUNT] = {
                    "refers to\n"
                    "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
-                   "overlap.png      only if charts overlap; shared texels are red" },
-    [MAP] = { "--map", "K", INTEGERS, &common.reading.map, 1, 0, 9999,
-              "with --lightmap: bakes the meshes of map K alone, if sbl_unwrap has made several maps for the scene; "
-              "the first\n"
-              "is 0. Use one --store for all" },
+                   "overlap.png      only if charts overlap; shared texels are red\n"
+                   "If sbl_unwrap has made several maps for the scene, all are baked with the same bounced light. "
+                   "Names of pictures\n"
+                   "then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files refer to all maps\n"
+                   "maps.json        only of several maps: their files and factors; of each node: its map, and scale "
+                   "and offset of\n"
+                   "                 its TEXCOORD_1 in the map\n"
+                   "auto: the size for which sbl_unwrap has made the coordinates", exposure_words },
+    [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
+              "with --lightmap: bakes only map K, if sbl_unwrap has made several maps for the scene; the first is 0. "
+              "Names of\n"
+              "files have no number then. --part and --join need it. Use one --store for all" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [FORMATS] = { "--formats", "LIST", TEXT, &options.format_list, 0, 0, 0,
@@ -248,9 +255,10 @@ static const tool_option table[OPTION_COUNT] = {
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
                  "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
                  "than\n"
-                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which "
-                 "is removed\n"
-                 "at the end; while it exists, a run without --resume is refused" },
+                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts (of "
+                 "several maps:\n"
+                 "OUTPUT_0.parts, ...), which is removed at the end; while it exists, a run without --resume is "
+                 "refused" },
 };
 static int given[OPTION_COUNT];
 static light_groups groups;

@@ -10,21 +10,41 @@ enum {
     MAP_LIGHT, MAP_ATLAS, MAP_SH, MAP_GROUPS = MAP_SH + 4, MAP_PICTURES = MAP_GROUPS + SBL_MAX_LIGHT_GROUPS
 };
 
-/* The picture p in format f is target MAPS + f * MAP_PICTURES + p. */
+/* The files of a map. The picture p in format f is file f * MAP_PICTURES + p. */
 enum {
-    MAPS = OWN_TARGETS, ATLAS_PNG = MAPS + MAP_FORMATS * MAP_PICTURES, GLTF, BIN, LIT_GLB, OVERLAP, PARTIAL, TEXTURES
+    ATLAS_PNG = MAP_FORMATS * MAP_PICTURES, OVERLAP, PARTIAL, AO_PNG, SKY_PNG, AO_EXR, SKY_EXR, SHADOW_PNG, SHADOW_EXR,
+    MAP_FILES
 };
 
+/* The files of the folder. The files of the maps follow, see map_target, and then the textures. */
+enum { GLTF = OWN_TARGETS, BIN, LIT_GLB, TABLE, MAPS };
+
+static const char *const names[MAPS] = {
+    [GLTF] = "scene.gltf", [BIN] = "scene.bin", [LIT_GLB] = "scene_lit.glb", [TABLE] = "maps.json"
+};
 static const char *const picture_names[MAP_GROUPS] = { "lightmap", "atlas", "sh_0", "sh_1", "sh_2", "sh_3" };
-static const char *const names[TEXTURES] = {
-    [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf", [BIN] = "scene.bin", [LIT_GLB] = "scene_lit.glb",
-    [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
+static const struct { const char *base, *ending; } other_names[MAP_FILES - ATLAS_PNG] = {
+    { "atlas", ".png" }, { "overlap", ".png" }, { "lightmap", ".partial.pfm" }, { "ao", ".png" }, { "sky", ".png" },
+    { "ao", ".exr" }, { "sky", ".exr" }, { "shadow", ".png" }, { "shadow", ".exr" }
 };
 static char *paths[TARGETS_MOST];
+static int folder_is_new;  /* 1: this run has created the folder */
+static int map_count;      /* number of maps of this run */
+
+/* Returns the number of the target of a file of a map. */
+static int map_target(int map, int file) { return MAPS + map * MAP_FILES + file; }
+
+/* Returns the name of a target without its folder. */
+static const char *target_base(int target) {
+    const char *const slash = strrchr(targets[target].name, '/');
+    return slash ? slash + 1 : targets[target].name;
+}
 
 /* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
    status. */
 static int target_add(int number, size_t folder, const char *name) {
+    if (number >= TARGETS_MOST)
+        return fail("%s: it has too many textures and lightmaps; --map bakes one lightmap", common.scene);
     paths[number] = output__join(common.output, folder, name);
     if (!paths[number]) return fail("out of memory");
     output_find(&targets[number], paths[number]);
@@ -32,34 +52,44 @@ static int target_add(int number, size_t folder, const char *name) {
     return DONE;
 }
 
-static int folder_is_new;  /* 1: this run has created the folder */
-
-/* Returns whether a picture of the map is written in a format. */
+/* Returns whether a picture of a map is written in a format. */
 static int map_is_written(int format, int picture) {
     if (!options.formats.wanted[format]) return 0;
     if (picture >= MAP_GROUPS) return picture - MAP_GROUPS < groups.list.count;
     return picture < MAP_SH || (given[DIRECTIONAL] && map_holds_negative((map_format)format));
 }
 
-/* Lists the files that do not depend on the scene. Returns the exit status. */
-static int list_files(void) {
-    const size_t folder = strlen(common.output);
-    char name[64];
+/* Returns whether a file of a map may be written. */
+static int file_is_written(int file) {
+#ifndef SBL_RENDER_OPENEXR
+    if (file == AO_EXR || file == SKY_EXR || file == SHADOW_EXR) return 0;
+#endif
+    if (file < ATLAS_PNG) return map_is_written(file / MAP_PICTURES, file % MAP_PICTURES);
+    return file < AO_PNG || given[file < SHADOW_PNG ? AO : SHADOW_MASK];
+}
+
+/* Lists the files of a map. If there are several maps, the number of the map comes before the ending of a name. Returns
+   the exit status. */
+static int list_map(int map) {
+    char name[BAKE_GROUP_NAME + 64], number[16] = "";
     int i, status = DONE;
-    for (i = 0; i < MAP_FORMATS * MAP_PICTURES && status == DONE; i++) {
-        if (i % MAP_PICTURES >= MAP_GROUPS || !map_is_written(i / MAP_PICTURES, i % MAP_PICTURES)) continue;
-        snprintf(name, sizeof name, "%s%s", picture_names[i % MAP_PICTURES], map_endings[i / MAP_PICTURES]);
-        status = target_add(MAPS + i, folder, name);
+    if (map_count > 1) snprintf(number, sizeof number, "_%d", map);
+    for (i = 0; i < MAP_FILES && status == DONE; i++) {
+        const int picture = i % MAP_PICTURES, is_group = i < ATLAS_PNG && picture >= MAP_GROUPS;
+        const char *const base = i >= ATLAS_PNG ? other_names[i - ATLAS_PNG].base
+                               : is_group ? groups.list.names[picture - MAP_GROUPS] : picture_names[picture];
+        if (!file_is_written(i)) continue;
+        snprintf(name, sizeof name, "%s%s%s%s", is_group ? "atlas_" : "", base, number,
+                 i < ATLAS_PNG ? map_endings[i / MAP_PICTURES] : other_names[i - ATLAS_PNG].ending);
+        status = target_add(map_target(map, i), strlen(common.output), name);
     }
-    for (i = ATLAS_PNG; i < TEXTURES && status == DONE; i++)
-        if (i != LIT_GLB || writes_lit()) status = target_add(i, folder, names[i]);
     return status;
 }
 
-/* Creates the folder and lists the files in it. Returns the exit status. */
+/* Creates the folder and lists the files of the scene in it. Returns the exit status. */
 static int find_files(void) {
     struct stat info, parts;
-    int status;
+    int i, status = DONE;
     if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
         return misuse("--output %s: this is not a folder; give another name", common.output);
     folder_is_new = stat(common.output, &info) != 0;
@@ -69,16 +99,14 @@ static int find_files(void) {
     if (folder_is_new && mkdir(common.output, 0777) != 0)
         return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
-    status = list_files();
-    return status == DONE ? targets_check(OVERLAP, given) : status;
+    for (i = GLTF; i < TABLE && status == DONE; i++)
+        if (i != LIT_GLB || writes_lit()) status = target_add(i, strlen(common.output), names[i]);
+    return status == DONE ? targets_check(target_count, given) : status;
 }
 
 /* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
 static int find_textures(const scene_file *file, int first, size_t folder) {
     int i, status = DONE;
-    if (file->scene.texture_count > TARGETS_MOST - first)
-        return fail("%s: the scene has %d textures; this tool writes at most %d", common.scene,
-                    file->scene.texture_count, TARGETS_MOST - first);
     for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
         char name[GLTF_NAME];
         gltf_texture_name(name, i);
@@ -87,60 +115,73 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
-/* Adds a target that depends on the scene, and checks it. Returns the exit status. */
-static int target_add_more(int number, const char *name) {
-    int status;
-    if (number >= TARGETS_MOST) return fail("%s: it has too many textures for %s", common.scene, name);
-    status = target_add(number, strlen(common.output), name);
-    if (status != DONE || output_check(&targets[number])) return status;
-    return fail("%s: cannot be written: %s; give another folder", targets[number].name, strerror(errno));
-}
-
-/* Gives sources their light groups, and lists the files of each group. Returns the exit status. */
-static int find_groups(const scene_file *file) {
-    char name[BAKE_GROUP_NAME + 32];
-    int format, i, status = assign_groups(file);
-    for (format = 0; format < MAP_FORMATS && !given[PART]; format++)
-        for (i = 0; i < groups.list.count && status == DONE; i++) {
-            if (!map_is_written(format, MAP_GROUPS + i)) continue;
-            snprintf(name, sizeof name, "atlas_%s%s", groups.list.names[i], map_endings[format]);
-            status = target_add_more(MAPS + format * MAP_PICTURES + MAP_GROUPS + i, name);
-        }
-    return status;
-}
-#include "sbl_bake_occlusion.h"
-#include "sbl_bake_shadows.h"
-
-/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
-static int find_more_files(const scene_file *file) {
-    int i, mapped = 0, status;
-    for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
-    if (file->map_count > 1 && !given[MAP])
-        return fail("%s: it has %d lightmaps; choose one of them: --map 0 to --map %d", common.scene, file->map_count,
-                    file->map_count - 1);
-    if (!mapped && file->map_count)
-        return fail("%s: no mesh is in --map %d; the scene has %d", common.scene, common.reading.map, file->map_count);
+/* Finds the maps that are baked: all, or that of --map. Returns the exit status. */
+static int find_maps(scene_file *file) {
+    int i, map, mapped = 0, last = file->map_count - 1;
+    for (i = 0; i < file->scene.mesh_count; i++) mapped += file->maps[i] >= 0;
     if (!mapped)
         return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); sbl_unwrap makes them", common.scene);
-    status = given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
-    if (status == DONE) status = find_groups(file);
-    if (status == DONE && given[AO]) status = find_occlusion_files();
-    return status == DONE && given[SHADOW_MASK] ? find_shadow_files(file) : status;
+    for (map = given[MAP] ? options.map : 0; map <= (given[MAP] ? options.map : last); map++) {
+        for (i = 0, mapped = 0; i < file->scene.mesh_count; i++) mapped += file->maps[i] == map;
+        if (!mapped)
+            return fail("%s: no mesh is in map %d; the maps of the scene are 0 to %d, and --map chooses one",
+                        common.scene, map, last);
+    }
+    if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
+        return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
+                    last + 1, table[given[PART] ? PART : JOIN].name, last);
+    if (!options.lightmap) options.lightmap = file->map_size;  /* auto */
+    if (!options.lightmap)
+        return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);
+    if (given[MAP]) scene_file_keep_map(file, options.map);
+    map_count = file->map_count;
+    return DONE;
 }
 
+/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
+static int find_more_files(const scene_file *read) {
+    scene_file *const file = (scene_file *)(uintptr_t)read;
+    int i, status = find_maps(file);
+    if (status == DONE) status = assign_groups(file);
+    if (status != DONE || given[PART]) return status;
+    if (given[SHADOW_MASK] && file->scene.light_count < 1)
+        return fail("%s: --shadow-mask: the file has no lights; emitting surfaces and the sky have no channel",
+                    common.scene);
+    if (map_count > 1) status = target_add(TABLE, strlen(common.output), names[TABLE]);
+    for (i = 0; i < map_count && status == DONE; i++) status = list_map(i);
+    if (status == DONE) status = find_textures(file, map_target(map_count, 0), strlen(common.output));
+    return status == DONE ? targets_check(target_count, given) : status;
+}
+
+/* What the files of the scene need to know of a map. */
+typedef struct baked_map {
+    double range;            /* of rgbm */
+    int window_count;        /* 0: it was not baked in windows */
+    plan_folder folder;      /* of its windows; it stays until all maps are baked, so that --resume finds them */
+} baked_map;
+
+/* The files of the scene, which refer to all maps. */
+typedef struct map_scene {
+    baked_map *baked;        /* one per map */
+    gltf_map *maps;
+    image *atlases;          /* have values only if scene_lit.glb is written */
+    lit_scene lit;
+    gltf_file gltf;
+    char extras[64];         /* of gltf */
+    const scene_file *file;
+    int texture;             /* number of the texture that is written next */
+} map_scene;
+
 typedef struct lightmap {
+    int number;              /* of the map */
     image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters. Their values may
                                 be the same array, which is light before the windows are joined, and then atlas */
     image overlap;           /* has no values if charts do not overlap */
     image harmonics[4];      /* have no values without --directional */
     image groups[SBL_MAX_LIGHT_GROUPS];  /* have no values without --light-groups */
     map_source source;       /* the picture that is written next */
-    lit_scene lit;
     double intensity;        /* irradiance divided by the linear value of atlas.png */
-    gltf_file gltf;
-    char extras[64];         /* of gltf */
-    double memory;           /* bytes that --memory allows */
-    int texture;             /* number of the texture that is written next */
+    map_scene *scene;
 } lightmap;
 
 static int write_map(FILE *out, const void *what) { return map_write(out, &((const lightmap *)what)->source); }
@@ -148,7 +189,6 @@ static int write_partial(FILE *out, const void *what) {
     const map_source s = { &((const lightmap *)what)->light, MAP_PFM, 0, 0 };
     return map_write(out, &s);
 }
-static int write_lit(FILE *out, const void *what) { return lit_write(out, &((const lightmap *)what)->lit); }
 static int write_atlas_png(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
     return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
@@ -156,11 +196,14 @@ static int write_atlas_png(FILE *out, const void *what) {
 static int write_overlap(FILE *out, const void *what) {
     return picture_write(out, ".png", &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
 }
-static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
-static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
+static int write_lit(FILE *out, const void *what) { return lit_write(out, &((const map_scene *)what)->lit); }
+static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const map_scene *)what)->gltf); }
+static int write_scene_bin(FILE *out, const void *what) {
+    return gltf_write_bin(out, &((const map_scene *)what)->gltf);
+}
 static int write_texture(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return gltf_write_texture(out, &l->gltf, l->texture);
+    const map_scene *s = (const map_scene *)what;
+    return gltf_write_texture(out, &s->gltf, s->texture);
 }
 
 static int compare_floats(const void *a, const void *b) {
@@ -224,9 +267,9 @@ static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
 }
 
 /* Writes a file. Returns the exit status. */
-static int keep_file(lightmap *l, int target, output_writer write) {
+static int keep_file(const void *what, int target, output_writer write) {
     if (interrupted) return stop("%s was not written", targets[target].name);
-    if (target_write(&targets[target], write, l, 0)) return DONE;
+    if (target_write(&targets[target], write, what, 0)) return DONE;
     return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
 }
 
@@ -241,37 +284,18 @@ static int keep_maps(lightmap *l, int first, int last) {
                             k >= MAP_GROUPS ? &l->groups[k - MAP_GROUPS] : &l->harmonics[k - MAP_SH];
             l->source.format = (map_format)format;
             l->source.exact = options.formats.exact;
-            status = keep_file(l, MAPS + format * MAP_PICTURES + k, write_map);
+            status = keep_file(l, map_target(l->number, format * MAP_PICTURES + k), write_map);
         }
     return status;
 }
 
-/* Makes and writes the scene that any viewer shows. Returns the exit status. */
-static int keep_lit(lightmap *l) {
-    int status;
-    if (!writes_lit()) return DONE;
-    l->lit.scene = l->gltf.scene;
-    l->lit.names = l->gltf.names;
-    l->lit.atlas = &l->atlas;
-    l->lit.cancel = &interrupted;
-    l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width, l->memory / 4);
-    if ((isnan(options.stops) && !lit_spare(&l->lit)) || !lit_make(&l->lit))
-        status = fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
-                      1e-6 * LIT_BYTES * l->lit.size * l->lit.size);
-    else status = keep_file(l, LIT_GLB, write_lit);
-    lit_free(&l->lit);
-    return status;
-}
-
-/* Finds what the formats need to know of R. */
-static void survey_light(lightmap *l) {
+/* Finds what the formats need to know of R. Returns 0 if memory runs out. */
+static int survey_light(lightmap *l) {
     map_survey s = { 0, 0, 0 };
     map_survey_of(&s, &l->light);
-    l->source.range = map_rgbm_range(s.most);
-    snprintf(l->extras, sizeof l->extras, "{\"rgbm_range\": %.9g}", l->source.range);
-    if (options.formats.wanted[MAP_RGBM]) l->gltf.extras = l->extras;
-    l->lit.stops = lit_meter(&l->lit, &l->light);
-    if (!isnan(options.stops)) l->lit.stops = options.stops;
+    l->source.range = l->scene->baked[l->number].range = map_rgbm_range(s.most);
+    l->intensity = l->scene->maps[l->number].intensity = atan(1.0) * 4 * bright(&l->light);
+    return l->intensity > 0 && lit_meter(&l->scene->lit, &l->light);
 }
 
 /* Says what the formats do not hold, and how to read rgbm. */
@@ -296,24 +320,111 @@ static void tell_formats(const lightmap *l) {
                 l->source.range, l->source.range);
 }
 
-/* Writes the files that show l->light (group 0) or all others (group 1). Returns the exit status. */
+/* Writes the files that show l->light (group 0) or all others (group 1) of a map. Returns the exit status. */
 static int keep_files(lightmap *l, int group) {
-    int i, status;
-    if (!group) {
-        survey_light(l);
-        return keep_maps(l, MAP_LIGHT, MAP_LIGHT);
-    }
+    int status;
+    if (!group) return survey_light(l) ? keep_maps(l, MAP_LIGHT, MAP_LIGHT) : fail("out of memory");
     tell_formats(l);
     status = keep_maps(l, MAP_ATLAS, MAP_PICTURES - 1);
-    for (i = 0; i < l->gltf.scene->texture_count && status == DONE; i++) {
-        l->texture = i;
-        status = keep_file(l, TEXTURES + i, write_texture);
+    if (status == DONE) status = keep_file(l, map_target(l->number, ATLAS_PNG), write_atlas_png);
+    if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->number, OVERLAP), write_overlap);
+    return status;
+}
+
+/* ---- the files of the scene ---- */
+
+/* Begins with what is known before the maps. Returns 0 if memory runs out. */
+static int scene_begin(map_scene *s, const scene_file *file) {
+    const size_t count = (size_t)map_count + 1;
+    int i;
+    s->file = file;
+    s->baked = (baked_map *)calloc(count, sizeof *s->baked);
+    s->maps = (gltf_map *)calloc(count, sizeof *s->maps);
+    s->atlases = (image *)calloc(count, sizeof *s->atlases);
+    if (!s->baked || !s->maps || !s->atlases) return 0;
+    for (i = 0; i < map_count && !given[PART]; i++) s->maps[i].name = target_base(map_target(i, ATLAS_PNG));
+    s->gltf.scene = s->lit.scene = &file->scene;
+    s->gltf.names = s->lit.names = file->names;
+    s->gltf.map_of = s->lit.maps = file->maps;
+    s->gltf.map_count = s->lit.map_count = map_count;
+    s->gltf.bin = names[BIN];
+    s->gltf.maps = s->maps;
+    s->lit.atlases = s->atlases;
+    s->lit.cancel = &interrupted;
+    return 1;
+}
+
+static void scene_end(map_scene *s) {
+    int i;
+    lit_free(&s->lit);
+    for (i = 0; i < map_count && s->atlases; i++) free(s->atlases[i].values);
+    free(s->atlases);
+    free(s->baked);
+    free(s->maps);
+}
+
+/* Makes and writes the scene that any viewer shows. Returns the exit status. */
+static int keep_lit(map_scene *s) {
+    lit_scene *l = &s->lit;
+    if (!writes_lit()) return DONE;
+    l->size = given[LIT] ? options.lit : lit_size(l->scene, options.lightmap, (double)s->file->memory / 4);
+    l->stops = lit_stops(l);
+    if (!isnan(options.stops)) l->stops = options.stops;
+    if ((!isnan(options.stops) || lit_spare(l)) && lit_make(l)) return keep_file(s, LIT_GLB, write_lit);
+    return fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
+                1e-6 * LIT_BYTES * l->size * l->size);
+}
+
+/* Writes the names of the files that hold an atlas. */
+static void put_atlases(FILE *out, int map) {
+    int format, count = 0;
+    for (format = 0; format < MAP_FORMATS; format++)
+        if (map_is_written(format, MAP_ATLAS))
+            fprintf(out, "%s\"%s\"", count++ ? ", " : "",
+                    target_base(map_target(map, format * MAP_PICTURES + MAP_ATLAS)));
+}
+
+/* Writes the table of all maps, and of the nodes whose meshes are in them. */
+static int write_table(FILE *out, const void *what) {
+    const map_scene *s = (const map_scene *)what;
+    const scene_file *f = s->file;
+    int i, count = 0, last = -1;
+    fprintf(out, "{\n  \"size\": %d,\n  \"maps\": [", options.lightmap);
+    for (i = 0; i < map_count; i++) {
+        fprintf(out, "%s\n    {\"atlas\": [", i ? "," : "");
+        put_atlases(out, i);
+        fprintf(out, "], \"png\": \"%s\", \"intensity\": %.7g", s->maps[i].name, s->maps[i].intensity);
+        if (options.formats.wanted[MAP_RGBM]) fprintf(out, ", \"rgbm_range\": %.9g", s->baked[i].range);
+        fputc('}', out);
     }
-    if (status == DONE) status = keep_file(l, ATLAS_PNG, write_atlas_png);
-    if (status == DONE && l->overlap.values) status = keep_file(l, OVERLAP, write_overlap);
-    if (status == DONE) status = keep_lit(l);
-    if (status == DONE) status = keep_file(l, BIN, write_scene_bin);
-    return status == DONE ? keep_file(l, GLTF, write_scene) : status;
+    fprintf(out, "\n  ],\n  \"nodes\": [");
+    for (i = 0; i < f->scene.mesh_count; i++) {
+        const scene_file_place *p = &f->places[i];
+        if (f->maps[i] < 0 || (p->node >= 0 && p->node == last)) continue;  /* a node may have several meshes */
+        last = p->node;
+        fprintf(out, "%s\n    {\"name\": ", count++ ? "," : "");
+        gltf__put_name(out, f->names[i]);
+        if (p->node >= 0) fprintf(out, ", \"node\": %d", p->node);
+        fprintf(out, ", \"map\": %d, \"scale\": [%.9g, %.9g], \"offset\": [%.9g, %.9g]}", f->maps[i],
+                (double)p->scale[0], (double)p->scale[1], (double)p->offset[0], (double)p->offset[1]);
+    }
+    fprintf(out, "\n  ]\n}\n");
+    return 1;
+}
+
+/* Writes the files of the scene, after all maps. Returns the exit status. */
+static int keep_scene(map_scene *s) {
+    int i, status = DONE;
+    snprintf(s->extras, sizeof s->extras, "{\"rgbm_range\": %.9g}", s->baked[0].range);
+    if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* otherwise in the table */
+    for (i = 0; i < s->file->scene.texture_count && status == DONE; i++) {
+        s->texture = i;
+        status = keep_file(s, map_target(map_count, i), write_texture);
+    }
+    if (status == DONE) status = keep_lit(s);
+    if (status == DONE && map_count > 1) status = keep_file(s, TABLE, write_table);
+    if (status == DONE) status = keep_file(s, BIN, write_scene_bin);
+    return status == DONE ? keep_file(s, GLTF, write_scene) : status;
 }
 
 /* ---- baking ---- */
@@ -326,13 +437,28 @@ typedef struct map_bake {
     windows windows;
     image window;            /* the window that was baked last, in the components of map_channels */
     lightmap map;
+    int *meshes;             /* of the map */
+    map_scene scene;
 } map_bake;
 
-static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
+/* Lets the bar go through step number `step` of `steps` between two shares of all work. */
+static void bar_step(progress *bar, double from, double to, int step, int steps) {
+    bar->from = from + (to - from) * step / steps;
+    bar->to = from + (to - from) * (step + 1) / steps;
+}
+
+/* Describes map number b->map.number. */
+static void describe_lightmap(map_bake *b) {
+    const scene_file *file = b->task->file;
+    sbl_lightmap_desc *desc = &b->desc;
+    int i;
     memset(desc, 0, sizeof *desc);
+    for (i = 0; i < file->scene.mesh_count; i++)
+        if (file->maps[i] == b->map.number) b->meshes[desc->mesh_count++] = i;
+    desc->meshes = b->meshes;
     desc->width = desc->height = options.lightmap;
     if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
-    desc->options = common_options(given, bar);
+    desc->options = common_options(given, &b->bar);
     desc->target_error = (float)options.target_error;
     desc->directional = given[DIRECTIONAL];
     desc->grouped = given[LIGHT_GROUPS];
@@ -342,27 +468,15 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
 }
 
-/* Sets what the scene of a lightmap refers to, after R is known. Returns 0 if memory runs out. */
-static int describe_scene(map_bake *b) {
-    lightmap *l = &b->map;
-    l->intensity = atan(1.0) * 4 * bright(&l->light);
-    l->memory = (double)b->task->file->memory;
-    l->gltf.scene = &b->task->file->scene;
-    l->gltf.names = b->task->file->names;
-    l->gltf.bin = names[BIN];
-    l->gltf.lightmap = names[ATLAS_PNG];
-    l->gltf.intensity = l->intensity;
-    return l->intensity > 0;
-}
-
 /* Saves R of an unfinished lightmap after a signal. Returns the exit status. */
 static int save_partial(map_bake *b) {
+    output_file *target = &targets[map_target(b->map.number, PARTIAL)];
     const sbl_result result = read_light(b->task->context, &b->map, b->desc.width);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
-    if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_partial, &b->map, 1))
+    if (result == SBL_SUCCESS && target_write(target, write_partial, &b->map, 1))
         return stop("the unfinished lightmap (%.0f %%) is in %s",
-                    floor(100 * (double)sbl_progress(b->task->context)), targets[PARTIAL].name);
-    return stop("the unfinished lightmap cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+                    floor(100 * (double)sbl_progress(b->task->context)), target->name);
+    return stop("the unfinished lightmap cannot be written to %s: %s", target->name, why_not_written());
 }
 
 /* Bakes the map at once. Returns the exit status. */
@@ -383,7 +497,6 @@ static int bake_whole(map_bake *b, double *seconds) {
     for (i = 0; i < groups.list.count && result == SBL_SUCCESS; i++)
         result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_GROUP_0 + i), &l->groups[i]);
     if (result == SBL_SUCCESS) result = read_overlap(context, l, size);
-    if (result == SBL_SUCCESS && !describe_scene(b)) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
     status = keep_files(l, 0);
     return status == DONE ? keep_files(l, 1) : status;
@@ -408,7 +521,7 @@ static int map_layers(void) { return given[DIRECTIONAL] ? 4 : groups.list.count;
 
 static int map_components(void) { return MAP_PLAIN + 3 * map_layers(); }
 
-/* Returns a hash of the scene and of all lightmap_texcoords, which the fingerprint of the scene leaves out. */
+/* Returns a hash of the scene and of the lightmap_texcoords of the map, which the fingerprint leaves out. */
 static unsigned long long map_hash(const map_bake *b) {
     const sbl_scene_desc *scene = &b->task->file->scene;
     const uint64_t fingerprint = sbl_scene_fingerprint(b->task->context);
@@ -416,7 +529,7 @@ static unsigned long long map_hash(const map_bake *b) {
     int i;
     for (i = 0; i < scene->mesh_count; i++) {
         const sbl_mesh *m = &scene->meshes[i];
-        if (m->lightmap_texcoords.data)
+        if (b->task->file->maps[i] == b->map.number)
             hash = plan_hash(hash, m->lightmap_texcoords.data, 2 * sizeof(float) * (size_t)m->vertex_count);
     }
     return hash;
@@ -549,7 +662,9 @@ static void spread_band(joined_map *j, const float *band, size_t first, size_t t
 /* Returns DONE if --memory allows the whole map to be joined; otherwise the exit status. */
 static int check_memory(const map_bake *b) {
     const double size = options.lightmap, most = (double)b->task->file->memory;
-    const double bytes = (42.0 + 12 * map_layers()) * size * size;  /* of joined_map and its gutters */
+    const double own = 42.0 + 12 * map_layers();                   /* of joined_map and its gutters, per texel */
+    const double others = writes_lit() ? 12.0 * (map_count - 1) : 0;  /* of the atlases that are kept */
+    const double bytes = (own + others) * size * size;
     if (bytes <= most) return DONE;
     return fail("the map of %.0f x %.0f texels needs about %.0f MB to be joined, and --memory allows %.0f MB; give "
                 "more --memory, or make parts (--part) and join them on a larger machine", size, size, bytes / 1e6,
@@ -639,7 +754,7 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
         *layer = l->light;
         layer->values = j.light[k + 1];
     }
-    if (status == DONE && (!describe_scene(b) || !show_overlap(&j, &l->overlap))) status = fail("out of memory");
+    if (status == DONE && !show_overlap(&j, &l->overlap)) status = fail("out of memory");
     if (status == DONE) status = keep_files(l, 0);
     if (status == DONE) {
         result = join_map(b, &j);
@@ -698,6 +813,7 @@ static int join_folder(map_bake *b, double *seconds) {
 /* Bakes the windows that OUTPUT.parts does not hold yet, and joins all windows. Returns the exit status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
+    baked_map *baked = &b->scene.baked[b->map.number];
     int status = windows_make(&b->windows);
     if (status == DONE && given[PART])
         status = windows_join(&b->windows, b->windows.work.facts, SBL_CHANNEL_FINAL, 0);
@@ -707,7 +823,11 @@ static int bake_windows(map_bake *b, double *seconds) {
         parts_free(&parts);
     }
     *seconds = now() - b->task->start;
-    if (status == DONE) windows_end(&b->windows);
+    if (status == DONE) {
+        windows_total(&b->windows);
+        baked->folder = b->windows.folder;
+        baked->window_count = b->windows.work.count;
+    }
     return status;
 }
 
@@ -726,7 +846,9 @@ static int divide_map(map_bake *b) {
     static output_file folder;  /* the windows are beside it */
     static char path[PATH_MAX];
     const int status = given[PART] ? DONE : check_memory(b);  /* a map that is baked at once needs more */
+    size_t length = strlen(common.output);
     windows *w = &b->windows;
+    memset(w, 0, sizeof *w);
     w->task = b->task;
     w->bar = &b->bar;
     w->noun = "lightmap";
@@ -734,8 +856,8 @@ static int divide_map(map_bake *b) {
     w->resume = given[RESUME];
     w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE];
     w->given = given;
-    snprintf(path, sizeof path, "%s", common.output);
-    while (strlen(path) > 1 && path[strlen(path) - 1] == '/') path[strlen(path) - 1] = 0;
+    while (length > 1 && common.output[length - 1] == '/') length--;
+    snprintf(path, sizeof path, map_count > 1 ? "%.*s_%d" : "%.*s", (int)length, common.output, b->map.number);
     folder.path = path;
     w->target = given[PART] ? &targets[ONE_FILE] : &folder;
     w->size[0] = w->size[1] = w->region[2] = w->region[3] = options.lightmap;
@@ -751,35 +873,99 @@ static int divide_map(map_bake *b) {
     return status != DONE || given[JOIN] ? status : windows_choose(w);
 }
 
+#include "sbl_bake_occlusion.h"
+#include "sbl_bake_shadows.h"
+
+/* ---- the maps ---- */
+
+/* Bakes a map and writes its files. Returns the exit status. */
+static int bake_map(map_bake *b, double *seconds) {
+    const int extra = given[AO] ? AO : SHADOW_MASK;
+    int status;
+    describe_lightmap(b);
+    bar_step(&b->bar, 0, given[extra] ? 0.6 : 1, b->map.number, map_count);
+    status = divide_map(b);
+    if (status == DONE && given[extra] && b->windows.work.count > 1)
+        status = fail("%s: the map is baked in windows, which have neither occlusion nor shadows; raise --memory, or "
+                      "leave out %s", table[extra].name, table[extra].name);
+    if (status != DONE) return status;
+    return given[JOIN] ? join_folder(b, seconds) : b->windows.work.count > 1 ? bake_windows(b, seconds)
+         : given[PART] ? bake_map_part(b, seconds) : bake_whole(b, seconds);
+}
+
+/* Frees a map, except what the files of the scene need. */
+static void free_map(map_bake *b) {
+    lightmap *l = &b->map;
+    int i;
+    if (l->light.values == l->atlas.values) l->light.values = NULL;
+    if (writes_lit()) b->scene.atlases[l->number] = l->atlas;
+    else free(l->atlas.values);
+    free(l->light.values);
+    free(l->overlap.values);
+    for (i = 0; i < 4; i++) free(l->harmonics[i].values);
+    for (i = 0; i < SBL_MAX_LIGHT_GROUPS; i++) free(l->groups[i].values);
+    free(b->window.values);
+    b->window.values = NULL;
+    plan_free(&b->windows.work);
+}
+
+/* Bakes all maps with the same bounced light, which the first of them makes, and adds up their statistics. Returns the
+   exit status. */
+static int bake_maps(map_bake *b, double *seconds) {
+    tool_task *task = b->task;
+    sbl_stats sum = { 0 };
+    int i, status = DONE;
+    for (i = 0; i < map_count && status == DONE; i++) {
+        memset(&b->map, 0, sizeof b->map);
+        memset(&task->stats, 0, sizeof task->stats);
+        task->has_stats = 0;
+        b->map.number = i;
+        b->map.scene = &b->scene;
+        status = bake_map(b, seconds);
+        if (status == DONE && !task->has_stats) task->stats = sbl_query_stats(task->context);
+        if (i == 0) sum = task->stats;
+        else add_stats(&sum, &task->stats);
+        free_map(b);
+    }
+    task->stats = sum;
+    task->has_stats = status == DONE;
+    return status;
+}
+
+/* Bakes occlusion and shadows in the layouts of the maps. They come last, because the scene loses its light. Returns
+   the exit status. */
+static int bake_extras(map_bake *b) {
+    int i, status = DONE;
+    if (given[AO] || given[SHADOW_MASK]) status = keep_store(b->task, given);
+    for (i = 0; i < map_count && status == DONE; i++) {
+        b->map.number = i;
+        describe_lightmap(b);
+        if (given[AO]) status = bake_occlusion(b);
+        if (given[SHADOW_MASK] && status == DONE) status = bake_shadows(b);
+    }
+    if (given[SHADOW_MASK] && status == DONE) tell_lights(b->task->file);
+    return status;
+}
+
 static int bake_lightmap(tool_task *task, double *seconds) {
     static map_bake b;
     int i, status;
     b.task = task;
     b.bar.shown = !given[QUIET] && isatty(STDERR_FILENO);
     b.bar.start = now();
-    describe_lightmap(&b.desc, &b.bar);
-    status = divide_map(&b);
-    if (given[AO] || given[SHADOW_MASK]) b.bar.to = 0.6;
-    if (status == DONE && (given[AO] || given[SHADOW_MASK]) && b.windows.work.count > 1)
-        status = fail("%s: the map is baked in windows, which have neither occlusion nor shadows; raise --memory, or "
-                      "leave out %s",
-                      table[given[AO] ? AO : SHADOW_MASK].name, table[given[AO] ? AO : SHADOW_MASK].name);
-    if (status == DONE)
-        status = given[JOIN] ? join_folder(&b, seconds) : b.windows.work.count > 1 ? bake_windows(&b, seconds)
-               : given[PART] ? bake_map_part(&b, seconds) : bake_whole(&b, seconds);
-    if (status == DONE && given[AO]) status = bake_occlusion(task, &b.desc, &b.bar);
-    if (status == DONE && given[SHADOW_MASK]) status = bake_shadows(task, &b.desc, &b.bar);
-    plan_free(&b.windows.work);
-    free(b.window.values);
-    free(b.map.light.values);
-    if (b.map.atlas.values != b.map.light.values) free(b.map.atlas.values);
-    free(b.map.overlap.values);
-    for (i = 0; i < 4; i++) free(b.map.harmonics[i].values);
-    for (i = 0; i < SBL_MAX_LIGHT_GROUPS; i++) free(b.map.groups[i].values);
+    b.meshes = (int *)malloc(((size_t)task->file->scene.mesh_count + 1) * sizeof *b.meshes);
+    status = b.meshes && scene_begin(&b.scene, task->file) ? bake_maps(&b, seconds) : fail("out of memory");
+    if (status == DONE && !given[PART]) status = keep_scene(&b.scene);
+    for (i = 0; i < map_count && status == DONE; i++)
+        if (b.scene.baked[i].window_count)
+            plan_folder_remove(&b.scene.baked[i].folder, b.scene.baked[i].window_count);
+    if (status == DONE) status = bake_extras(&b);
     if (status == DONE && b.bar.shown)
         fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s%s\n", common.output, options.lightmap,
-                options.lightmap, (double)sbl_query_stats(task->context).sensors.count, *seconds,
+                options.lightmap, (double)task->stats.sensors.count, *seconds,
                 given[PART] || !writes_lit() ? "" : "; any viewer of glTF shows scene_lit.glb in it");
+    scene_end(&b.scene);
+    free(b.meshes);
     return status;
 }
 

@@ -1,4 +1,4 @@
-/* The maps of ambient occlusion and sky visibility of sbl_bake --ao. sbl_bake_lightmap.h includes this file before its
+/* The maps of ambient occlusion and sky visibility of sbl_bake --ao. sbl_bake_lightmap.h includes this file after its
    bakes. */
 #ifndef SBL_BAKE_OCCLUSION_H
 #define SBL_BAKE_OCCLUSION_H
@@ -7,27 +7,7 @@
    .png. */
 #define OCCLUSION_MEAN 1.0f
 
-/* The two maps, and the files of each: .png, which host programs multiply with ambient light, and .exr. */
-enum { OCCLUSION_MAPS = 2, OCCLUSION_FILES = 4 };
-static const char *const occlusion_names[OCCLUSION_FILES] = { "ao.png", "sky.png", "ao.exr", "sky.exr" };
-static int occlusion_first;  /* number of the first target */
-
-static int occlusion_file_count(void) {
-#ifdef SBL_RENDER_OPENEXR
-    return OCCLUSION_FILES;
-#else
-    return OCCLUSION_MAPS;
-#endif
-}
-
-/* Lists the files after all others. Returns the exit status. */
-static int find_occlusion_files(void) {
-    int i, status = DONE;
-    occlusion_first = target_count;
-    for (i = 0; i < occlusion_file_count() && status == DONE; i++)
-        status = target_add_more(occlusion_first + i, occlusion_names[i]);
-    return status;
-}
+enum { OCCLUSION_MAPS = 2 };
 
 static int write_occlusion_exr(FILE *out, const void *what) {
     return picture_write(out, ".exr", (const image *)what, SBL_CHANNEL_FINAL, 0);
@@ -83,21 +63,19 @@ static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *d
     return result;
 }
 
-/* Keeps the statistics and the stored light of the map, before the scene loses its light. Returns the exit status. */
-static int keep_light(tool_task *task) {
-    if (task->has_stats) return DONE;
-    task->stats = sbl_query_stats(task->context);
-    task->has_stats = 1;
-    return keep_store(task, given);
+/* Writes a map of occlusion: .png, which host programs multiply with ambient light, and .exr. Returns the exit
+   status. */
+static int keep_occlusion(const image *values, int png, int exr) {
+    const int status = keep_file(values, png, write_occlusion_png);
+    return status == DONE && targets[exr].name ? keep_file(values, exr, write_occlusion_exr) : status;
 }
 
-/* Bakes and writes both maps, with the quality of the map that desc describes. It comes last, because the scene loses
-   its light. Returns the exit status. */
-static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progress *bar) {
-    sbl_lightmap_desc black = *desc;
+/* Bakes and writes both maps of occlusion, with the quality of the lightmap. Returns the exit status. */
+static int bake_occlusion(map_bake *b) {
+    tool_task *task = b->task;
+    sbl_lightmap_desc black = b->desc;
     sbl_result result;
-    int i, map, status = keep_light(task);
-    if (status != DONE) return status;
+    int i, map, status = DONE;
     for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
     black.directional = black.grouped = 0;
     black.options.mode = SBL_MODE_DIRECT;
@@ -105,19 +83,16 @@ static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progre
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
         image values = { 0 };
         black.options.ray_length = map == 0 ? (float)options.ao : 0;
-        bar->from = 0.6 + 0.1 * map;
-        bar->to = bar->from + 0.1;
+        const int png = map_target(b->map.number, map ? SKY_PNG : AO_PNG);
+        bar_step(&b->bar, 0.6, 0.8, OCCLUSION_MAPS * b->map.number + map, OCCLUSION_MAPS * map_count);
         if (result == SBL_SUCCESS) result = bake_occlusion_map(task, &black, &values);
-        if (result == SBL_UNFINISHED) status = stop("%s was not written", occlusion_names[map]);
+        if (result == SBL_UNFINISHED) status = stop("%s was not written", targets[png].name);
         else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
-        for (i = map; i < occlusion_file_count() && status == DONE; i += OCCLUSION_MAPS)
-            if (!target_write(&targets[occlusion_first + i], i < OCCLUSION_MAPS ? write_occlusion_png
-                                                                                 : write_occlusion_exr, &values, 0))
-                status = interrupted ? stop("%s was not written", occlusion_names[i])
-                                     : fail_to_write(targets[occlusion_first + i].name);
+        if (status == DONE)
+            status = keep_occlusion(&values, png, map_target(b->map.number, map ? SKY_EXR : AO_EXR));
         free(values.values);
     }
-    clear_progress(bar);
+    clear_progress(&b->bar);
     return status;
 }
 

@@ -8,16 +8,14 @@
 #ifndef SBL_BAKE_SHADOWS_H
 #define SBL_BAKE_SHADOWS_H
 
-enum { SHADOW_LIGHTS = 4, SHADOW_FILES = 2 };
-static const char *const shadow_names[SHADOW_FILES] = { "shadow.png", "shadow.exr" };
+enum { SHADOW_LIGHTS = 4 };
 static const char *const shadow_channels[SHADOW_LIGHTS] = { "R", "G", "B", "A" };
-static int shadow_first;  /* number of the first target */
 
 /* The mask that is being made. */
 typedef struct shadow_mask {
     tool_task *task;
+    map_bake *bake;                /* of the lightmap */
     const sbl_lightmap_desc *map;  /* describes the lightmap, in whose layout the mask is made */
-    progress *bar;
     sbl_lightmap_desc desc;        /* of the bakes */
     sbl_light lights[SHADOW_LIGHTS];
     int count, bakes;              /* numbers of lights, and of bakes that were begun */
@@ -25,26 +23,6 @@ typedef struct shadow_mask {
     float *light, *ids;            /* of one light: R, 3 floats per texel; ids: of charts, 0: no surface */
     size_t texels;
 } shadow_mask;
-
-static int shadow_file_count(void) {
-#ifdef SBL_RENDER_OPENEXR
-    return SHADOW_FILES;
-#else
-    return 1;
-#endif
-}
-
-/* Lists the files after all others. Returns the exit status. */
-static int find_shadow_files(const scene_file *file) {
-    int i, status = DONE;
-    shadow_first = target_count;
-    if (file->scene.light_count < 1)
-        return fail("%s: --shadow-mask: the file has no lights; emitting surfaces and the sky have no channel",
-                    common.scene);
-    for (i = 0; i < shadow_file_count() && status == DONE; i++)
-        status = target_add_more(shadow_first + i, shadow_names[i]);
-    return status;
-}
 
 static int write_shadow_exr(FILE *out, const void *what) {
     image mask = ((const shadow_mask *)what)->mask;
@@ -75,8 +53,7 @@ static sbl_result choose_light(shadow_mask *m, int i) {
 static sbl_result bake_light(shadow_mask *m, int i) {
     sbl_context *context = m->task->context;
     sbl_result result = choose_light(m, i);
-    m->bar->from = 0.8 + 0.2 * m->bakes / (2 * m->count);
-    m->bar->to = 0.8 + 0.2 * ++m->bakes / (2 * m->count);
+    bar_step(&m->bake->bar, 0.8, 1, 2 * m->count * m->bake->map.number + m->bakes++, 2 * m->count * map_count);
     if (result == SBL_SUCCESS) result = sbl_begin_lightmap(context, &m->desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, m->light, 3 * m->texels);
@@ -143,14 +120,12 @@ static void describe_shadows(shadow_mask *m) {
 }
 
 /* Tells which channel shows which light. */
-static void tell_lights(const shadow_mask *m) {
-    const scene_file *file = m->task->file;
+static void tell_lights(const scene_file *file) {
+    const int more = file->scene.light_count - SHADOW_LIGHTS;
     int i;
-    for (i = 0; i < m->count && !given[QUIET]; i++)
-        tell("%s, channel %s: the light \"%s\"", shadow_names[0], shadow_channels[i], file->light_names[i]);
-    if (file->scene.light_count > m->count && !given[QUIET])
-        tell("%s: %d more light%s no channel", shadow_names[0], file->scene.light_count - m->count,
-             file->scene.light_count - m->count > 1 ? "s have" : " has");
+    for (i = 0; i < SHADOW_LIGHTS && i < file->scene.light_count && !given[QUIET]; i++)
+        tell("shadow.png, channel %s: the light \"%s\"", shadow_channels[i], file->light_names[i]);
+    if (more > 0 && !given[QUIET]) tell("shadow.png: %d more light%s no channel", more, more > 1 ? "s have" : " has");
 }
 
 /* Bakes the mask. */
@@ -171,28 +146,25 @@ static sbl_result make_shadows(shadow_mask *m) {
     return result;
 }
 
-/* Bakes and writes the mask, in the layout of the map. It comes last, because the scene loses its light. Returns the
-   exit status. */
-static int bake_shadows(tool_task *task, const sbl_lightmap_desc *map, progress *bar) {
+/* Bakes and writes the mask, in the layout of the map. Returns the exit status. */
+static int bake_shadows(map_bake *b) {
+    const int lights = b->task->file->scene.light_count, png = map_target(b->map.number, SHADOW_PNG);
+    const int exr = map_target(b->map.number, SHADOW_EXR);
     shadow_mask m;
-    int i, status = keep_light(task);
+    int status = DONE;
     sbl_result result;
-    if (status != DONE) return status;
     memset(&m, 0, sizeof m);
-    m.task = task;
-    m.map = map;
-    m.bar = bar;
-    m.count = task->file->scene.light_count < SHADOW_LIGHTS ? task->file->scene.light_count : SHADOW_LIGHTS;
+    m.task = b->task;
+    m.bake = b;
+    m.map = &b->desc;
+    m.count = lights < SHADOW_LIGHTS ? lights : SHADOW_LIGHTS;
     describe_shadows(&m);
     result = make_shadows(&m);
-    clear_progress(bar);
-    if (result == SBL_UNFINISHED) status = stop("%s was not written", shadow_names[0]);
-    else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
-    for (i = 0; i < shadow_file_count() && status == DONE; i++)
-        if (!target_write(&targets[shadow_first + i], i ? write_shadow_exr : write_shadow_png, &m, 0))
-            status = interrupted ? stop("%s was not written", shadow_names[i])
-                                 : fail_to_write(targets[shadow_first + i].name);
-    if (status == DONE) tell_lights(&m);
+    clear_progress(&b->bar);
+    if (result == SBL_UNFINISHED) status = stop("%s was not written", targets[png].name);
+    else if (result != SBL_SUCCESS) status = fail_with(b->task->said, common.scene, result);
+    if (status == DONE) status = keep_file(&m, png, write_shadow_png);
+    if (status == DONE && targets[exr].name) status = keep_file(&m, exr, write_shadow_exr);
     free(m.mask.values);
     free(m.light);
     free(m.ids);

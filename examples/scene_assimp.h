@@ -124,6 +124,8 @@ typedef struct scene__reader {
     sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
     sbl_mesh *meshes;    /* one per use of a mesh */
     const char **names, **light_names;
+    int *maps;
+    scene_file_place *places;
     size_t use_count;
     double triangles, vertices;  /* totals over all uses of meshes */
     unsigned best_camera;
@@ -873,31 +875,29 @@ static void scene__count_uses(scene__reader *r, const scene__node *at) {
     }
 }
 
-/* The place of a node in a lightmap: its coordinates are scale * texcoord + offset, in map number `map`. */
-typedef struct scene__place { int map; float scale[2], offset[2]; } scene__place;
-
 /* Reads what scene__name_places has put before the name of a node. Returns the rest of the name. */
-static const char *scene__place_of(const scene__reader *r, const char *name, scene__place *out) {
+static const char *scene__place_of(const scene__reader *r, const char *name, scene_file_place *out, int *map) {
+    static const scene_file_place none = { -1, { 1, 1 }, { 0, 0 } };
     int length = 0;
-    memset(out, 0, sizeof *out);
-    out->scale[0] = out->scale[1] = 1;
-    if (r->is_gltf && sscanf(name, "(map %d, %f %f %f %f) %n", &out->map, &out->scale[0], &out->scale[1],
-                             &out->offset[0], &out->offset[1], &length) == 5 && length)
+    *map = 0;
+    *out = none;
+    if (r->is_gltf && sscanf(name, "(node %d, map %d, %f %f %f %f) %n", &out->node, map, &out->scale[0], &out->scale[1],
+                             &out->offset[0], &out->offset[1], &length) == 6 && length && *map >= 0 &&
+        *map < SCENE__MOST_MAPS && isfinite(out->scale[0] + out->scale[1] + out->offset[0] + out->offset[1]))
         return name + length;
+    *map = 0;
+    *out = none;
     return name;
 }
 
-/* Gives a use of a mesh its own lightmap coordinates, or none if its place is not in the map of the options. */
-static void scene__put_place(scene__reader *r, const scene__place *place, sbl_mesh *use) {
+/* Gives a use of a mesh its own lightmap coordinates. */
+static void scene__put_place(scene__reader *r, const scene_file_place *place, sbl_mesh *use) {
     const float *from = (const float *)use->lightmap_texcoords.data;
     const int moves = place->scale[0] < 1 || place->scale[0] > 1 || place->scale[1] < 1 || place->scale[1] > 1 ||
                       place->offset[0] != 0.0f || place->offset[1] != 0.0f;
     float *out;
     int i, k;
-    if (!from) return;
-    if (r->file->map_count <= place->map) r->file->map_count = place->map + 1;
-    if (place->map != r->file->map) { use->lightmap_texcoords.data = NULL; return; }
-    if (!moves) return;
+    if (!from || !moves) return;
     out = (float *)scene__alloc(r->file, (size_t)use->vertex_count, 2 * sizeof *out);
     for (i = 0; out && i < use->vertex_count; i++)
         for (k = 0; k < 2; k++) out[2 * i + k] = place->scale[k] * from[2 * i + k] + place->offset[k];
@@ -906,8 +906,9 @@ static void scene__put_place(scene__reader *r, const scene__place *place, sbl_me
 
 static void scene__add_uses(scene__reader *r, const scene__node *at) {
     const struct aiString *full_name = &(at->node->mName.length ? at->node : r->in->mRootNode)->mName;
-    scene__place place;
-    const char *name = scene__place_of(r, full_name->data, &place);
+    scene_file_place place;
+    int map;
+    const char *name = scene__place_of(r, full_name->data, &place, &map);
     unsigned i, material;
     int k;
     for (i = 0; i < at->node->mNumMeshes; i++) {
@@ -919,6 +920,9 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
         use->material = (int)material;
         use->id = (uint32_t)r->use_count + 1;
         scene__put_place(r, &place, use);
+        r->places[r->use_count] = place;
+        r->maps[r->use_count] = use->lightmap_texcoords.data ? map : -1;
+        if (r->maps[r->use_count] >= r->file->map_count) r->file->map_count = map + 1;
         for (k = 0; k < 16; k++) use->transform[k] = (float)at->transform[k % 4 * 4 + k / 4];
         copy = (char *)scene__alloc(r->file, strlen(name) + 1, 1);
         if (!copy) return;
@@ -952,13 +956,17 @@ static void scene__nodes(scene__reader *r) {
     if (!scene__afford(file, what, 0, SCENE__PER_TRIANGLE * r->triangles + SCENE__PER_VERTEX * r->vertices)) return;
     r->meshes = (sbl_mesh *)scene__alloc(file, r->use_count, sizeof *r->meshes);
     r->names = (const char **)scene__alloc(file, r->use_count, sizeof *r->names);
-    if (!r->meshes || !r->names) return;
+    r->maps = (int *)scene__alloc(file, r->use_count, sizeof *r->maps);
+    r->places = (scene_file_place *)scene__alloc(file, r->use_count, sizeof *r->places);
+    if (!r->meshes || !r->names || !r->maps || !r->places) return;
     r->use_count = 0;
     r->best_camera = r->in->mNumCameras;
     scene__walk(r, scene__add_uses);
     file->scene.meshes = r->meshes;
     file->scene.mesh_count = (int)r->use_count;
     file->names = r->names;
+    file->maps = r->maps;
+    file->places = r->places;
 }
 
 /* ---- the whole scene ---- */

@@ -217,7 +217,6 @@ static scene_file *scene__load(scene__reading reading, const char *path, const s
         file->folders = &folders;
         file->frames_asked = options->frames;
         file->matte = options->matte;
-        file->map = options->map;
         file->frame_rate = options->frame_rate > 0 ? options->frame_rate : SCENE_FILE_RATE;
         memset(&task, 0, sizeof task);
         task.file = file;

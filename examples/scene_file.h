@@ -85,7 +85,6 @@ typedef struct scene_file_options {
     int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
                         scene_file.frames */
     double frame_rate;  /* frames per second; default 24 */
-    int map;         /* only meshes of this lightmap keep second texture coordinates (extras.lightmapIndex, or 0) */
     int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour, and without
                         normal maps */
     const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
@@ -131,6 +130,12 @@ typedef struct scene_file_camera {
     float eye[3], forward[3], up[3], fov_y, fov_x;
 } scene_file_camera; /* fields of view in degrees; one of the two is 0 */
 
+/* What a node of a glTF file says of the place of its mesh in a lightmap: scale * TEXCOORD_1 + offset. */
+typedef struct scene_file_place {
+    int node;                     /* number of the node in the file; -1: it says nothing */
+    float scale[2], offset[2];
+} scene_file_place;
+
 typedef struct scene_file {
     sbl_scene_desc scene;         /* without a sky; after scene_file_load_sky, only a picture of the sky */
     const char *const *names;     /* one per mesh */
@@ -144,6 +149,10 @@ typedef struct scene_file {
     char warnings[SCENE_FILE_WARNINGS][256];
     int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
     int map_count;                /* number of lightmaps that the file has coordinates for */
+    int map_size;                 /* texels across a lightmap, as sbl_unwrap has noted it; 0: not known */
+    const int *maps;              /* one per mesh: the lightmap that it is in (extras.lightmapIndex, or 0), below
+                                     map_count; -1: it has no second texture coordinates */
+    const scene_file_place *places;  /* one per mesh; lightmap_texcoords is already there */
     int units;                    /* unit of the lights, one of SCENE_UNITS_*; see scene_file_scale_lights */
     int exporter_version[2];      /* major and minor version of Blender's exporter */
     int read_count;               /* number of files in read: the first that were read */
@@ -157,7 +166,7 @@ typedef struct scene_file {
     size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
     int frames_asked;                          /* number of frames that the options ask for */
     double frame_rate;
-    int matte, map;                            /* as in the options */
+    int matte;                                 /* as in the options */
     double rendering;                          /* bytes that sbl.h will need for what was read so far */
     int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
 } scene_file;
@@ -221,6 +230,17 @@ static inline void scene_file_warning(const scene_file *file, scene_file_kind ki
     const int count = file->simplified[kind];
     out[0] = 0;
     if (count) snprintf(out, size, "%s (%d %s)", words[kind][2], count, words[kind][count > 1]);
+}
+
+/* Takes the second texture coordinates of all meshes that are not in a lightmap, which becomes the only one. */
+static inline void scene_file_keep_map(scene_file *file, int map) {
+    sbl_mesh *meshes = (sbl_mesh *)(uintptr_t)file->scene.meshes;
+    int *maps = (int *)(uintptr_t)file->maps, i;
+    for (i = 0; i < file->scene.mesh_count; i++) {
+        maps[i] = maps[i] == map ? 0 : -1;
+        if (maps[i] < 0) meshes[i].lightmap_texcoords.data = NULL;
+    }
+    file->map_count = 1;
 }
 
 static void scene_file_free(scene_file *file) {

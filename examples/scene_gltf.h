@@ -23,6 +23,7 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
 #define SCENE__MOST_SCALE 1000.0f  /* of a normal map */
+enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* numbers of lightmaps, texels across one */
 
 /* What the name of a material tells about it. */
 enum {
@@ -197,19 +198,22 @@ static void scene__order_texcoords(cJSON *root) {
         }
 }
 
-/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. */
+/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. If there are several
+   lightmaps, all nodes with a mesh have one. */
 static void scene__name_places(scene_file *file, cJSON *root) {
-    cJSON *node;
-    int number = -1;
-    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+    cJSON *node, *const nodes = scene__item(root, "nodes");
+    int number = -1, several = 0;
+    cJSON_ArrayForEach(node, nodes) several |= scene__item(scene__item(node, "extras"), "lightmapIndex") != NULL;
+    cJSON_ArrayForEach(node, nodes) {
         const cJSON *extras = scene__item(node, "extras"), *list = scene__item(extras, "lightmapScaleOffset"), *part;
         const cJSON *map = scene__item(extras, "lightmapIndex");
         const char *name = cJSON_GetStringValue(scene__item(node, "name"));
         double v[4] = { 1, 1, 0, 0 };
         char own[16], unique[320];
-        int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 && map->valuedouble < 10000);
+        int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 &&
+                                        map->valuedouble < SCENE__MOST_MAPS);
         number++;
-        if ((!list && !map) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
+        if ((!list && !map && !several) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
         cJSON_ArrayForEach(part, list) {
             valid &= cJSON_IsNumber(part) && fabs(part->valuedouble) < 1e6 && count < 4;
             if (valid) v[count++] = part->valuedouble;
@@ -220,8 +224,8 @@ static void scene__name_places(scene_file *file, cJSON *root) {
                         name ? name : own);
             continue;
         }
-        scene__print(unique, sizeof unique, "(map %d, %.9g %.9g %.9g %.9g) %.200s", map ? map->valueint : 0, v[0], v[1],
-                     v[2], v[3], name ? name : own);
+        scene__print(unique, sizeof unique, "(node %d, map %d, %.9g %.9g %.9g %.9g) %.200s", number,
+                     map ? map->valueint : 0, v[0], v[1], v[2], v[3], name ? name : own);
         cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
         cJSON_AddStringToObject(node, "name", unique);
     }
@@ -229,6 +233,9 @@ static void scene__name_places(scene_file *file, cJSON *root) {
 
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
+    item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
+    if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
+        file->map_size = item->valueint;
     scene__order_texcoords(root);
     scene__name_places(file, root);
     scene__name_materials(root);
@@ -288,7 +295,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     size_t length = bytes->size - start;
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
-        "lightmapIndex" };
+        "lightmapIndex", "lightmapSize" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

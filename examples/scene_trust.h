@@ -46,6 +46,13 @@ static int scene__trust_name(const scene_file *file, const char *name) {
     return at >= start && at < end && memchr(name, 0, end - at) != NULL;
 }
 
+static int scene__trust_map(const scene_file *file, int mesh) {
+    const scene_file_place *p = &file->places[mesh];
+    const int map = file->maps[mesh], is_mapped = file->scene.meshes[mesh].lightmap_texcoords.data != NULL;
+    return (is_mapped ? map >= 0 && map < file->map_count : map == -1) &&
+           isfinite(p->scale[0] + p->scale[1] + p->offset[0] + p->offset[1]);
+}
+
 /* Returns whether everything is valid. Fields that the converter never sets become 0. capacity: the parent's own
    copy. */
 static int scene__trust(scene_file *file, size_t capacity) {
@@ -54,7 +61,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
     int i;
     file->capacity = capacity;
     for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) if (file->simplified[i] < 0) return 0;
-    if (file->map_count < 0) return 0;
+    if (file->map_count < 0 || file->map_size < 0 || file->map_size > SCENE__MOST_SIZE) return 0;
     if (file->units < 0 || file->units >= SCENE_UNITS_COUNT) return 0;
     for (i = 0; i < SCENE_FILE_WARNINGS; i++) file->warnings[i][sizeof file->warnings[i] - 1] = 0;
     if (file->used < sizeof *file || file->used > capacity || file->warning_count < 0 ||
@@ -70,6 +77,8 @@ static int scene__trust(scene_file *file, size_t capacity) {
         !scene__holds(file, in.textures, in.texture_count, sizeof *in.textures) ||
         !scene__holds(file, in.lights, in.light_count, sizeof *in.lights) ||
         !scene__holds(file, file->frames, file->frame_count, sizeof *file->frames) ||
+        !scene__holds(file, file->maps, in.mesh_count, sizeof *file->maps) ||
+        !scene__holds(file, file->places, in.mesh_count, sizeof *file->places) ||
         !scene__holds(file, file->names, in.mesh_count, sizeof *file->names)) return 0;
     out->mesh_count = in.mesh_count;
     out->material_count = in.material_count;
@@ -77,7 +86,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
     out->light_count = in.light_count;
     for (i = 0; i < in.mesh_count; i++)
         if (!scene__trust_mesh(file, (sbl_mesh *)(uintptr_t)&in.meshes[i]) ||
-            !scene__trust_name(file, file->names[i])) return 0;
+            !scene__trust_name(file, file->names[i]) || !scene__trust_map(file, i)) return 0;
     for (i = 0; i < in.texture_count; i++)
         if (!scene__trust_texture(file, (sbl_texture *)(uintptr_t)&in.textures[i])) return 0;
     return !in.environment.picture.pixels || scene__trust_texture(file, &out->environment.picture);

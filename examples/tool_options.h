@@ -233,7 +233,11 @@ static int tool__take(const tool_option *o, const char *name, const char *value)
             *(int *)o->value = k + (o->kind == FLAG_OR_WORD);
             return k >= 0 ? DONE : tool__refuse(o, name, value);
         default:
-            if (o->words && strcmp(value, o->words[0]) == 0) { *(double *)o->value = NAN; return DONE; }
+            if (o->words && strcmp(value, o->words[0]) == 0) {
+                if (tool__is_whole(o)) *(int *)o->value = 0;
+                else *(double *)o->value = NAN;
+                return DONE;
+            }
             if (o->file) *o->file = tool__names_a_file(value) ? value : NULL;
             return (o->file && *o->file) || tool__numbers(o, value) ? DONE : tool__refuse(o, name, value);
     }

@@ -374,7 +374,7 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
 
 /* ---- output files: written completely or not at all, and never over input files ---- */
 
-enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 1024 };
+enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 4096 };
 static output_file targets[TARGETS_MOST];
 static int target_count;
 

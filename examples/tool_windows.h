@@ -247,6 +247,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
 
 /* Makes the windows that are not finished yet. Returns the exit status. */
 static int windows_make(windows *w) {
+    const double from = w->bar->from, share = (w->bar->to > 0 ? w->bar->to : 1) - from;
     char name[PATH_MAX + 300];
     int i, finished = 0, status = DONE;
     for (i = 0; i < w->work.count && status == DONE; i++) {
@@ -255,8 +256,8 @@ static int windows_make(windows *w) {
         sbl_result result;
         snprintf(name, sizeof name, "%s", plan_window_file(&w->folder, i));
         if (windows__is_finished(w, name, one)) { finished++; continue; }
-        w->bar->from = (double)i / w->work.count;
-        w->bar->to = (i + 1.0) / w->work.count;
+        w->bar->from = from + share * i / w->work.count;
+        w->bar->to = from + share * (i + 1.0) / w->work.count;
         result = w->make(w->user, one);
         if (result == SBL_UNFINISHED || interrupted)
             return stop("%d of %d windows are finished; --resume goes on with them (in %s)", finished, w->work.count,
@@ -298,13 +299,17 @@ static int windows_join(const windows *w, const picture_fact *facts, sbl_channel
     return status;
 }
 
-/* Must be called when the output is written. Removes the folder of finished windows, and sets the size of the picture
-   in the statistics, which windows_make has added up, to that of the output. */
-static void windows_end(windows *w) {
-    plan_folder_remove(&w->folder, w->work.count);
+/* Sets the size of the picture in the statistics, which windows_make has added up, to that of the output. */
+static void windows_total(const windows *w) {
     w->task->has_stats = 1;
     w->task->stats.picture.width = w->region[2];
     w->task->stats.picture.height = w->region[3];
+}
+
+/* Must be called when the output is written. Removes the folder of finished windows. */
+static inline void windows_end(windows *w) {
+    windows_total(w);
+    plan_folder_remove(&w->folder, w->work.count);
 }
 
 #endif

@@ -202,10 +202,13 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
     sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
     const char **names = (const char **)scene__alloc(file, 1, sizeof *names);
+    int *maps = (int *)scene__alloc(file, 1, sizeof *maps);
+    scene_file_place *places = (scene_file_place *)scene__alloc(file, 1, sizeof *places);
     char *name = (char *)scene__alloc(file, 8, 1);
     (void)path; (void)bytes;
-    if (!m || !t || !names || !name) return;
+    if (!m || !t || !names || !maps || !places || !name) return;
     m->positions.data = scene__alloc(file, 9, sizeof(float));
+    m->lightmap_texcoords.data = scene__alloc(file, 6, sizeof(float));
     m->indices.data = scene__alloc(file, 3, sizeof(uint32_t));
     m->indices.type = SBL_UINT32;
     m->vertex_count = m->index_count = 3;
@@ -214,6 +217,9 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     t->channels = 4;
     names[0] = name;
     file->names = names;
+    file->maps = maps;
+    file->places = places;
+    file->map_count = 1;
     file->scene.meshes = m;
     file->scene.textures = t;
     file->scene.mesh_count = file->scene.texture_count = 1;
@@ -238,6 +244,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 18: file->units = -1; break;
         case 19: file->frames = (const scene_file_camera *)(const void *)elsewhere; file->frame_count = 1; break;
         case 20: file->frame_count = 1; break;
+        case 21: maps[0] = 1; break;
+        case 22: maps[0] = -1; break;
+        case 23: m->lightmap_texcoords.data = NULL; break;
+        case 24: file->maps = (const int *)(const void *)elsewhere; break;
+        case 25: file->places = (const scene_file_place *)(const void *)elsewhere; break;
+
+        case 26: places[0].offset[1] = (float)INFINITY; break;
+        case 27: file->map_size = 1 << 20; break;
         default: break;
     }
     if (lie) return;
@@ -250,14 +264,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 20 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+/* Each of 27 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
    dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 20; lie++) {
+    for (lie = 1; lie <= 27; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
@@ -718,8 +732,8 @@ static const float *camera_of(const scene_file *file) {
 
 /* Writes a scene as glTF. */
 static void write_scene(const scene_file *from, const char *name) {
-    const gltf_file out = {     const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 1, camera_of(from) };from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 0, 0, NULL, 1,
-                            camera_of(from) };
+    const gltf_file out = { .scene = &from->scene, .names = from->names, .bin = "again.bin", .has_lights = 1,
+                            .camera = camera_of(from) };
     char texture[GLTF_NAME];
     FILE *json = fopen(in_folder(name), "wb"), *bin = fopen(in_folder("again.bin"), "wb"), *png;
     int i;
@@ -869,12 +883,11 @@ TEST(places_in_lightmaps) {
     scene_file_free(file);
 }
 
-/* Only the meshes of one map have lightmap coordinates. A second set needs no first one, in any order; others than the
-   first need all before them. */
+/* Each mesh has a map, and scene_file_keep_map takes the lightmap coordinates of all others. A second set needs no
+   first one, in any order; others than the first need all before them. */
 TEST(sets_and_maps) {
     static const char *const sets[] = { ",\"TEXCOORD_1\":2", ",\"TEXCOORD_1\":2,\"TEXCOORD_0\":1",
         ",\"TEXCOORD_0\":1,\"TEXCOORD_2\":2", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2,\"TEXCOORD_3\":1" };
-    scene_file_options options;
     scene_file *file;
     int i;
 #ifndef SBL_RENDER_CJSON
@@ -882,14 +895,17 @@ TEST(sets_and_maps) {
 #endif
     for (i = 0; i < 4; i++) {
         write_places("sets.gltf", sets[i], IN_MAP("0") "|" IN_MAP("2") "|" IN_MAP("-1"));
-        memset(&options, 0, sizeof options);
-        options.map = 2;
-        file = scene_file_load(in_folder("sets.gltf"), &options, error, sizeof error);
+        file = scene_file_load(in_folder("sets.gltf"), NULL, error, sizeof error);
         REQUIRE(file && file->scene.mesh_count == 3, "%s", error);
-        CHECK(map_u(file, 0) < 0 && map_u(file, 2) < 0 && (map_u(file, 1) > 0.5) == (i != 2) &&
-              file->map_count == (i == 2 ? 0 : 3) && file->scene.meshes[0].texcoords.data && file->warning_count == 1,
-              "%s: u = %g %g %g, %d maps, %d warnings", sets[i], map_u(file, 0), map_u(file, 1), map_u(file, 2),
-              file->map_count, file->warning_count);
+        CHECK(file->map_count == (i == 2 ? 0 : 3) && file->scene.meshes[0].texcoords.data && file->warning_count == 1,
+              "%s: %d maps, %d warnings", sets[i], file->map_count, file->warning_count);
+        CHECK(file->maps[0] == (i == 2 ? -1 : 0) && file->maps[1] == (i == 2 ? -1 : 2) && file->maps[2] == file->maps[0]
+              && file->places[0].node == 0 && file->places[1].node == 1 && file->places[2].node == -1,
+              "%s: maps %d %d %d", sets[i], file->maps[0], file->maps[1], file->maps[2]);
+        scene_file_keep_map(file, 2);
+        CHECK(map_u(file, 0) < 0 && map_u(file, 2) < 0 && (map_u(file, 1) > 0.5) == (i != 2) && file->map_count == 1 &&
+              file->maps[0] == -1 && file->maps[1] == (i == 2 ? -1 : 0), "%s: u = %g %g %g", sets[i], map_u(file, 0),
+              map_u(file, 1), map_u(file, 2));
         scene_file_free(file);
     }
 }

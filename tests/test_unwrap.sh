@@ -95,6 +95,13 @@ check usable_coordinates_are_placed is_placed
 check overlapping_ones_are_replaced is_replaced overlaps overlap
 check ones_outside_are_replaced is_replaced beyond 'not inside'
 check a_result_is_kept again
+# a first set that stands for a missing one becomes new, too
+again_without_first() {
+    unwrap "$folder/overlaps.gltf" "$folder/new.gltf" 64 && holds one_set "$folder/new.gltf" &&
+        unwrap "$folder/new.gltf" "$folder/new.glb" 64 --again && holds one_set "$folder/new.glb" &&
+        holds apart "$folder/new.glb" 64 2 50 && holds surface "$folder/overlaps.gltf" "$folder/new.glb"
+}
+check a_result_without_a_first_set again_without_first
 
 # >>instances, in sbl_bake
 
@@ -108,21 +115,21 @@ lit() {
     bakes "$out" 256 --quiet "$out" "$folder/baked" 256 one 3.183 two 0 roof 3.183 &&
     holds apart "$folder/baked/scene.gltf" 256 2 58
 }
-one_map() {
-    ! build/sbl_bake "$folder/maps.glb" --lightmap 112 -o "$folder/baked" > "$said" 2>&1 &&
-    says 'choose one.*--map' &&
-    ! build/sbl_bake "$folder/maps.glb" --lightmap 112 --map 9 -o "$folder/baked" > "$said" 2>&1 &&
-    says 'no mesh is in' || return 1
+# all maps in one run are those of runs of their own
+all_maps() {
+    set -- --lightmap 112 --mode direct --preset draft --quiet --formats pfm
+    build/sbl_bake "$folder/maps.glb" "$@" --lightmap auto --lit 64 -o "$folder/all" || return 1
     for map in 0 1; do
-        build/sbl_bake "$folder/maps.glb" --lightmap 112 --map $map --mode direct --preset draft --quiet \
-            --formats pfm -o "$folder/map$map" && [ ! -e "$folder/map$map/overlap.png" ] || return 1
+        build/sbl_bake "$folder/maps.glb" "$@" --map $map --lit 0 -o "$folder/map$map" &&
+            [ ! -e "$folder/map$map/overlap.png" ] && [ ! -e "$folder/all/overlap_$map.png" ] &&
+            cmp "$folder/map$map/lightmap.pfm" "$folder/all/lightmap_$map.pfm" || return 1
     done
-    [ -s "$folder/map0/lightmap.pfm" ] && ! cmp -s "$folder/map0/lightmap.pfm" "$folder/map1/lightmap.pfm"
+    ! cmp -s "$folder/map0/lightmap.pfm" "$folder/map1/lightmap.pfm" && holds table "$folder/all" "$folder/maps.glb" 112
 }
 without_first() { build/sbl_bake "$folder/usable.gltf" --lightmap 16 --mode direct --quiet -o "$folder/first"; }
 if [ -x build/sbl_bake ]; then
     check light_is_right_on_all_instances lit
-    check maps_are_baked_one_by_one one_map
+    check all_maps_are_baked_in_one_run all_maps
     check a_second_set_needs_no_first without_first
 fi
 
@@ -132,7 +139,7 @@ fi
 adds_light() {
     baked=$3 dark=$1 bright=$2 counts="$4 $5 $6"
     shift 6
-    unwrap --light "$baked" "$dark" "$bright" "$@" && says 'the map lights' &&
+    unwrap --light "$baked" "$dark" "$bright" "$@" && says 'the .*maps\? lights\?' &&
         holds lit "$dark" "$bright" "$baked" $counts
 }
 adds_maps() {
@@ -145,6 +152,21 @@ adds_maps() {
         [ -s "$folder/lit.lightmap.png" ] &&
         adds_light "$folder/lit.gltf" "$folder/both.gltf" "$folder/mixed1" 1 1 2 --map 1
 }
+# the maps of a run take the places of those of an earlier one
+adds_all_maps() {
+    for sky in 0,0,0 1,1,1; do
+        build/sbl_bake "$folder/mixed.gltf" --lightmap 64 --mode direct --preset draft --quiet --lit 0 --sky $sky \
+            -o "$folder/mixed_$sky" || return 1
+    done
+    for ending in glb gltf; do
+        adds_light "$folder/mixed.gltf" "$folder/all.$ending" "$folder/mixed_0,0,0" 0,1 3 7 || return 1
+        unwrap --light "$folder/mixed_1,1,1" "$folder/all.$ending" "$folder/anew.$ending" &&
+            holds relit "$folder/all.$ending" "$folder/anew.$ending" "$folder/mixed_1,1,1" || return 1
+    done
+    [ -s "$folder/anew.lightmap_1.png" ] &&
+    unwrap --light "$folder/mixed_1,1,1" "$folder/all.glb" "$folder/anew.gltf" &&
+        holds relit "$folder/all.glb" "$folder/anew.gltf" "$folder/mixed_1,1,1"
+}
 refuses_light() {
     echo old > "$folder/old.glb"
     ! scripts/sbl_unwrap --light "$1" "$2" "$folder/old.glb" > "$said" 2>&1 && cat "$said" &&
@@ -155,7 +177,13 @@ if [ -x build/sbl_bake ] && [ -f "$folder/baked/scene.gltf" ]; then
     check light_is_added adds_light "$out" "$folder/lit.glb" "$folder/baked" 0 1 2
     check light_is_added_to_a_gltf adds_light "$folder/beside.gltf" "$folder/lit.gltf" "$folder/beside" 0 1 2
     check light_of_maps adds_maps
-    check one_map_is_chosen refuses_light "$folder/mixed0" "$folder/mixed.gltf" 'choose one with --map'
+    check light_of_all_maps adds_all_maps
+    if [ -d build/engines/node_modules/gltf-validator ]; then
+        check files_of_maps_are_valid node tests/engines/validate.cjs build/engines/node_modules \
+            "$folder/all/scene.gltf" "$folder/all/scene_lit.glb" "$folder/mixed_0,0,0/scene.gltf" "$folder/all.glb" \
+            "$folder/anew.glb"
+    else skip files_of_maps_are_valid "build/engines/node_modules is missing (scripts/setup --test)"; fi
+    check one_map_is_chosen refuses_light "$folder/mixed0" "$folder/mixed.gltf" 'choose it with --map'
     node tests/support/unwrap.js bakes "$folder/bad" "$folder/baked" "$folder/mixed.gltf"
     while read -r name words; do
         check "refuses_light_$name" refuses_light "$folder/bad/$name" "$out" "$words"

@@ -110,6 +110,8 @@ function texels({ t }, size, visit) {
 function plain(scene, has) {
     const json = JSON.parse(JSON.stringify(scene.json));
     for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
+    if (json.asset.extras) delete json.asset.extras.lightmapSize;
+    if (json.asset.extras && !Object.keys(json.asset.extras).length) delete json.asset.extras;
     for (const n of json.nodes) {
         for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
         if (n.extras && !Object.keys(n.extras).length) delete n.extras;
@@ -133,8 +135,8 @@ function plain(scene, has) {
 }
 
 // Returns all that a scene says, with the bytes of buffer views in their places, without what --light adds: the last
-// image, texture and sampler, the last `added` extensions, and copies of meshes and materials. count: meshes and
-// materials of the scene before it.
+// images, textures, samplers and extensions, so many as `added` says, and copies of meshes and materials. count: meshes
+// and materials of the scene before it.
 function unlit(scene, count, added) {
     const json = JSON.parse(JSON.stringify(scene.json)), extensions = (m) => ({ ...m, extensions: m.extensions || {} });
     delete json.buffers;
@@ -154,10 +156,27 @@ function unlit(scene, count, added) {
     json.materials.length = count.materials;
     json.extensionsUsed.length -= added.extensions || 0;
     for (const key of ['images', 'samplers', 'textures'])
-        if ((json[key] || []).length > (added.pictures || 0)) json[key].length -= added.pictures || 0;
+        if ((json[key] || []).length > (added[key] || 0)) json[key].length -= added[key] || 0;
         else delete json[key];
     json.bufferViews.length -= added.views || 0;
     return json;
+}
+
+// Returns the bytes of a picture in a folder of sbl_bake, and the intensity that its scene.gltf gives it.
+function atlasOf(folder, name) {
+    const { json } = read(path.join(folder, 'scene.gltf'));
+    const isOwn = (info) => info && json.images[json.textures[info.index].source].uri === name;
+    const infos = json.materials.map((m) => m.extensions && m.extensions.MOZ_lightmap).filter(isOwn);
+    assert(infos.length, `no material has ${name}`);
+    return { png: fs.readFileSync(path.join(folder, name)), intensity: infos[0].intensity };
+}
+
+// Returns the bytes of an image of a scene.
+function pictureOf(scene, file, number) {
+    const { uri, bufferView } = scene.json.images[number];
+    if (uri !== undefined) return fs.readFileSync(path.join(path.dirname(file), decodeURIComponent(uri)));
+    const { byteOffset = 0, byteLength } = scene.json.bufferViews[bufferView];
+    return scene.buffers[0].subarray(byteOffset, byteOffset + byteLength);
 }
 
 // ---- checks ----
@@ -227,39 +246,102 @@ const checks = {
         assert.deepStrictEqual(plain(read(after), has), plain(old, has));
     },
 
-    // lit BEFORE AFTER FOLDER MAP MESHES MATERIALS: AFTER is BEFORE with the map in FOLDER on all surfaces of the map,
-    // and only there; so many meshes and materials are new. Other nodes keep their meshes
-    lit(before, after, folder, map, meshes, materials) {
+    // lit BEFORE AFTER FOLDER MAPS MESHES MATERIALS: AFTER is BEFORE with the maps in FOLDER, such as 0 or 0,1, on all
+    // surfaces of the maps, and only there; so many meshes and materials are new. Other nodes keep their meshes
+    lit(before, after, folder, list, meshes, materials) {
         const old = read(before), scene = read(after), { json } = scene, isBinary = after.endsWith('.glb');
         const isNew = (name) => +!(old.json.extensionsUsed || []).includes(name);
-        const added = { extensions: isNew('MOZ_lightmap') + isNew('KHR_texture_transform'), pictures: 1,
-                        views: +isBinary };
+        const maps = `${list}`.split(',').map(Number);
+        const added = { extensions: isNew('MOZ_lightmap') + isNew('KHR_texture_transform'), images: maps.length,
+                        textures: maps.length, samplers: isNew('MOZ_lightmap'), views: isBinary ? maps.length : 0 };
         const count = { meshes: old.json.meshes.length, materials: old.json.materials.length };
         assert.deepStrictEqual(unlit(scene, count, added), unlit(old, count, {}));
         assert.strictEqual(json.meshes.length, count.meshes + meshes, 'meshes');
         assert.strictEqual(json.materials.length, count.materials + materials, 'materials');
-        const baked = read(path.join(folder, 'scene.gltf')).json.materials[0].extensions.MOZ_lightmap;
-        const image = json.images[json.images.length - 1], view = json.bufferViews[image.bufferView];
-        const bytes = isBinary ? scene.buffers[0].subarray(view.byteOffset, view.byteOffset + view.byteLength)
-                               : fs.readFileSync(path.join(path.dirname(after), image.uri));
-        assert(bytes.equals(fs.readFileSync(path.join(folder, 'atlas.png'))), 'the picture');
-        const info = { index: json.textures.length - 1, texCoord: 1, intensity: baked.intensity };
-        assert.strictEqual(json.textures[info.index].source, json.images.length - 1);
+        const infos = maps.map((map, k) => {
+            const index = json.textures.length - maps.length + k, { source } = json.textures[index];
+            assert.strictEqual(source, json.images.length - maps.length + k);
+            const { png, intensity } = atlasOf(folder, maps.length > 1 ? `atlas_${map}.png` : 'atlas.png');
+            assert(pictureOf(scene, after, source).equals(png), 'the picture');
+            return { index, texCoord: 1, intensity };
+        });
         const none = { mappings: [] }, shown = new Set(json.scenes[json.scene || 0].nodes);
         for (const [i, node] of json.nodes.entries()) {
             const { lightmapScaleOffset: place, lightmapIndex = 0 } = node.extras || {};
             const move = place && { scale: place.slice(0, 2), offset: place.slice(2) };
-            if (!shown.has(i) || lightmapIndex !== map)
-                assert.strictEqual(node.mesh, old.json.nodes[i].mesh, node.name);
+            const info = infos[maps.indexOf(lightmapIndex)];
+            if (!shown.has(i) || !info) assert.strictEqual(node.mesh, old.json.nodes[i].mesh, node.name);
             const expected = { ...info, ...(move ? { extensions: { KHR_texture_transform: move } } : {}) };
             for (const p of node.mesh === undefined ? [] : json.meshes[node.mesh].primitives)
                 for (const { material } of [p, ...((p.extensions || {}).KHR_materials_variants || none).mappings]) {
                     const has = ((json.materials[material] || {}).extensions || {}).MOZ_lightmap;
                     const isLit = shown.has(i) && p.attributes.TEXCOORD_1 !== undefined && !(p.mode < 4);
-                    if (isLit && lightmapIndex === map) assert.deepStrictEqual(has, expected, node.name);
-                    else assert(!has || (lightmapIndex !== map && has.index < info.index), `${node.name} has light`);
+                    if (isLit && info) assert.deepStrictEqual(has, expected, node.name);
+                    else assert(!has || (!info && has.index < infos[0].index), `${node.name} has light`);
                 }
         }
+    },
+
+    // relit BEFORE AFTER FOLDER: the maps in FOLDER have taken the places of those in BEFORE, and nothing else is new
+    relit(before, after, folder) {
+        const old = read(before), scene = read(after), isBinary = after.endsWith('.glb');
+        const plain = ({ json }) => {
+            const copy = JSON.parse(JSON.stringify({ ...json, buffers: 0 }));
+            copy.bufferViews = copy.bufferViews.filter((_, i) => !copy.images.some((m) => m.bufferView === i));
+            for (const view of copy.bufferViews) delete view.byteOffset, delete view.byteLength;
+            for (const image of copy.images) delete image.bufferView, delete image.uri;
+            for (const { extensions = {} } of copy.materials)
+                if (extensions.MOZ_lightmap) extensions.MOZ_lightmap.intensity = 0;
+            return copy;
+        };
+        assert.deepStrictEqual(plain(scene), plain(old));
+        const sum = (views) => views.reduce((all, v) => all + Math.ceil(v.byteLength / 4) * 4, 0);
+        if (isBinary) assert.strictEqual(sum(scene.json.bufferViews), scene.buffers[0].length);
+        for (const { extensions = {} } of scene.json.materials) {
+            if (!extensions.MOZ_lightmap) continue;
+            const { source } = scene.json.textures[extensions.MOZ_lightmap.index];
+            const name = scene.json.images[source].name.replace('lightmap', 'atlas');
+            const { png, intensity } = atlasOf(folder, `${name}.png`);
+            assert(pictureOf(scene, after, source).equals(png), name);
+            assert.strictEqual(extensions.MOZ_lightmap.intensity, intensity);
+        }
+    },
+
+    // table FOLDER SCENE SIZE: maps.json says of each node what SCENE says, and scene.gltf and scene_lit.glb refer to
+    // the same maps
+    table(folder, file, size) {
+        const table = JSON.parse(fs.readFileSync(path.join(folder, 'maps.json'))), { json } = read(file);
+        assert.strictEqual(table.size, size);
+        const placed = json.nodes.map((n, i) => [n, i]).filter(([n]) => n.mesh !== undefined &&
+            json.meshes[n.mesh].primitives.some((p) => p.attributes.TEXCOORD_1 !== undefined && !(p.mode < 4)));
+        assert.deepStrictEqual(table.nodes.map((n) => n.node), placed.map(([, i]) => i));
+        for (const [k, [{ name, extras = {} }]] of placed.entries()) {
+            const [su, sv, ou, ov] = (extras.lightmapScaleOffset || [1, 1, 0, 0]).map(Math.fround);
+            const { scale, offset, map, name: own } = table.nodes[k];
+            assert.deepStrictEqual([own, map], [name, extras.lightmapIndex || 0]);
+            assert.deepStrictEqual([...scale, ...offset].map(Math.fround), [su, sv, ou, ov]);
+        }
+        for (const { atlas, png, intensity } of table.maps) {
+            for (const one of atlas) assert(fs.existsSync(path.join(folder, one)), one);
+            assert.strictEqual(atlasOf(folder, png).intensity, intensity);
+        }
+        const mapOf = new Map(table.nodes.map((n) => [n.name, n.map]));
+        const baked = read(path.join(folder, 'scene.gltf')).json, shown = read(path.join(folder, 'scene_lit.glb')).json;
+        for (const node of [...baked.nodes, ...shown.nodes]) {
+            const all = baked.nodes.includes(node) ? baked : shown;
+            const { extensions, pbrMetallicRoughness } = all.materials[all.meshes[node.mesh].primitives[0].material];
+            const light = all === baked ? extensions.MOZ_lightmap : pbrMetallicRoughness.baseColorTexture;
+            const texture = light && all.textures[light.index];
+            if (!mapOf.has(node.name)) assert.strictEqual(light, undefined, node.name);
+            else if (all === shown) assert.strictEqual(texture.source, mapOf.get(node.name), node.name);
+            else assert.strictEqual(all.images[texture.source].uri, `atlas_${mapOf.get(node.name)}.png`, node.name);
+        }
+    },
+
+    // one_set FILE: all meshes have one set of coordinates as both the first and the second
+    one_set(file) {
+        for (const { primitives } of read(file).json.meshes)
+            for (const { attributes: a } of primitives) assert.strictEqual(a.TEXCOORD_0, a.TEXCOORD_1);
     },
 
     // surface BEFORE AFTER: the same triangles, in the same order
@@ -403,7 +485,8 @@ function things(maker, json) {
     json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
     json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
     json.extensions = { KHR_lights_punctual: { lights }, EXT_unknown: { a: [] } };
-    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR'),
+    const input = maker.add(Float32Array.of(0, 1), 'SCALAR', { min: [0], max: [1] });
+    json.animations = [{ name: 'sway', samplers: [{ input,
                                                     output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3') }],
                          channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
 }
