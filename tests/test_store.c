@@ -173,6 +173,7 @@ TEST(surfaces_change) {
     REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     same_as_fresh("a box without a texture", 1);
     scene.materials[BOX].flags = SBL_MATERIAL_HIDDEN_FROM_SENSORS;
+    scene.materials[WALLS].alpha_cutoff = 0.3f;
     REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     same_as_fresh("a box that is hidden", 1);
     scene.materials[WALLS].alpha_cutoff = 0.5f;
