@@ -222,6 +222,7 @@ TEST(glass_is_transparent_in_lit_scenes) {
     static float light[3] = { 1, 1, 1 }, shown[100];
     static const float at[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, uv[6] = { -1, -1, 3, -1, -1, 3 };
     static const uint32_t corners[3] = { 0, 1, 2 };
+    static const int map = 0;
     image atlas = { 1, 1, 3, light, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     sbl_material material;
     sbl_mesh mesh;
@@ -241,7 +242,9 @@ TEST(glass_is_transparent_in_lit_scenes) {
     scene.materials = &material;
     scene.mesh_count = scene.material_count = 1;
     lit.scene = &scene;
-    lit.atlas = &atlas;
+    lit.maps = &map;
+    lit.atlases = &atlas;
+    lit.map_count = 1;
     lit.size = 4;
     REQUIRE(lit_make(&lit), "no texture");
     for (i = 0; i < 16; i++) CHECK(abs(lit.texels[4 * i + 3] - 140) <= 1, "alpha is %d", lit.texels[4 * i + 3]);

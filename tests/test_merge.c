@@ -110,9 +110,31 @@ TEST(the_first_plan_counts) {
     CHECK(strcmp(before, after) == 0, "the plan was changed");
     write_text("no_plan", "something\n");
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "no_plan") == 1 && said("no plan"), "%s", ran.err);
-    *strstr(after, "end") = 0;
+    strstr(after, "\nend 2")[1] = 0;
     write_text("short", after);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
+}
+
+/* Returns the price in a plan. */
+static double price_in(const char *plan) {
+    char text[4096];
+    const char *found;
+    int lines;
+    read_text(in_folder(plan), text, sizeof text, &lines);
+    found = strstr(text, "\nsbl.price ");
+    return found ? strtod(found + 11, NULL) : NAN;
+}
+
+/* The price of the whole is that of the small picture, times the ratio of their pixels to the power of 0.4 (ON PARTS in
+   sbl.h). Both pictures here have the same small picture, of 192 x 128 pixels. */
+TEST(prices_grow_with_the_pixels) {
+    double prices[2];
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(VIEW, "--size", "192x128", "--part", "1/24", "-o", "a.exr", "--plan", "one") == 0, "%s", ran.err);
+    CHECK(RENDER(VIEW, "--size", "384x256", "--part", "1/96", "-o", "a.exr", "--plan", "two") == 0, "%s", ran.err);
+    prices[0] = price_in("one");
+    prices[1] = price_in("two");
+    CHECK(fabs(prices[1] / prices[0] / pow(4, 0.4) - 1) < 1e-5, "prices %g and %g", prices[0], prices[1]);
 }
 
 /* Makes `to` from a part, whose whole then claims to be about 2^30 pixels wide. */
@@ -343,6 +365,7 @@ int main(int argc, char **argv) {
     RUN(parts_make_a_png);
     RUN(parts_do_not_depend_on_each_other);
     RUN(the_first_plan_counts);
+    RUN(prices_grow_with_the_pixels);
     RUN(wrong_parts_are_refused);
     RUN(windows_are_joined);
     RUN_PLAIN(drivers_may_differ);
