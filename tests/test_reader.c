@@ -718,7 +718,7 @@ static const float *camera_of(const scene_file *file) {
 
 /* Writes a scene as glTF. */
 static void write_scene(const scene_file *from, const char *name) {
-    const gltf_file out = {     const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 1, camera_of(from) };from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 0, 0, NULL, 1,
+    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 0, 0, NULL, 1,
                             camera_of(from) };
     char texture[GLTF_NAME];
     FILE *json = fopen(in_folder(name), "wb"), *bin = fopen(in_folder("again.bin"), "wb"), *png;
