@@ -14205,7 +14205,7 @@ static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint3
     return reference;
 }
 
-/* Computes the normal on a place's side. */
+/* Computes the normal of a place's triangle, on the place's side. */
 static void sbl__place_side(const sbl__geometry *g, uint32_t place, float normal[3]) {
     double n[3];
     int k;
@@ -14213,7 +14213,8 @@ static void sbl__place_side(const sbl__geometry *g, uint32_t place, float normal
     for (k = 0; k < 3; k++) normal[k] = (float)(place & 1 ? -n[k] : n[k]);
 }
 
-/* The same. Returns the distance from the surface at which rays from the place start. */
+/* Computes the normal as sbl__place_side does. Returns the distance from the surface at which rays from the place
+   start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double longest = 0, away = 0;
@@ -14370,7 +14371,7 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
-/* Returns how many points the leaf of a place may have if the place is to become one. */
+/* Returns the number of points that a leaf gets: a queued place becomes a point only if its leaf has fewer. */
 static int sbl__place_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
     return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
 }
@@ -14421,7 +14422,7 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Queues all hits again, of which sbl__bounce_place skips the settled ones. Returns the stage PLACE. */
+/* Queues all hits again; sbl__bounce_place skips those that are settled. Returns the stage PLACE. */
 static int sbl__bounce_queue_again(sbl__bounce *b) {
     b->rechecking = 1;
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
@@ -14482,7 +14483,7 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
-/* Notes that the leaves of all hits have just been found. */
+/* Marks all leaves as not cut, because all hits have been placed since the last cut. */
 static void sbl__bounce_all_found(sbl__bounce *b) {
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
@@ -14884,7 +14885,7 @@ static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
     b->reads = NULL;
 }
 
-/* Allocates `sites`, `readings` and, if there are light groups, `found_layers`; instead of `reads`, to save memory. */
+/* Allocates `sites`, `readings` and, if there are light groups, `found_layers`. Frees `reads` first, to save memory. */
 static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
     sbl__base *base = &b->core->base;
     const size_t groups = (size_t)b->core->scene.light_groups;
@@ -15060,7 +15061,7 @@ static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
 
 static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
 
-/* Makes the reads of a leaf. Those of the leaf before it are made already. */
+/* Writes the reads of a leaf after those of the leaf before it. */
 static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
     sbl__bounce_leaf *state = &b->states[leaf];
     int i, end = sbl__first_read(b, leaf);

@@ -213,7 +213,7 @@ static const tool_option table[OPTION_COUNT] = {
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
-    [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
+    [CUBEMAPS] = { "--cubemaps", "NXxNYxNZ|LIST", SIZES, options.grid, 3, 1, 4096,
                    "bakes what is seen from points in the air, for reflections: a grid of points or a list, as for "
                    "--probes. Writes\n"
                    "these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
@@ -273,26 +273,26 @@ static const tool_line lines[] = {
     { SHADOW_MASK, NULL },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
-    { PROBES, "light in the air, into a .json file" },
+    { PROBES, "light at points, of a grid or a text file; into .json" },
     { MOVE, NULL },
-    { CUBEMAPS, "what reflections see, into a folder: .ktx2 and .exr" },
+    { CUBEMAPS, "cube maps at points, for reflections; into a folder" },
     { CUBEMAP, NULL },
     { LIGHT_GROUPS, NULL },
-    { PART, "bakes only the K-th of N parts" },
+    { PART, "bakes only the K-th of N parts; not with --cubemaps" },
     { PLAN, NULL },
-    { JOIN, "joins the parts of a map" },
-    { MODE, "gi (default: all light), direct or ambient" },
+    { JOIN, "joins the parts of a lightmap that are in FOLDER" },
+    { MODE, "gi (default, with bounces), direct or ambient" },
     { TOOL_HEADING, "Light:" },
     LIGHT_LINES,
     { TOOL_HEADING, "Quality:" },
-    { TARGET_ERROR, "accepted error of a map, such as 2%" },
-    { SUPERSAMPLE, "finer shadows in a map: N x N places in a texel" },
+    { TARGET_ERROR, "accepted error of maps and cube maps, such as 2%" },
+    { SUPERSAMPLE, "finer shadows in a map: N x N measurements per texel" },
     { SAMPLES, NULL },
     { SMOOTHING, NULL },
     QUALITY_LINES,
     { TOOL_HEADING, "Output:" },
-    { OUTPUT, "also -o; for a map it is a folder" },
-    { FORMATS, "of a map: exr, exr32, hdr, rgbm, ktx2, pfm" },
+    { OUTPUT, "also -o; a folder for --lightmap and --cubemaps" },
+    { FORMATS, "file formats of a map: exr,exr32,hdr,rgbm,ktx2,pfm" },
     { GUTTER, NULL },
     { LIT, NULL },
     { LIT_EXPOSURE, NULL },
@@ -306,7 +306,7 @@ static void print_help(void) {
     printf(
         "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-        "       sbl_bake SCENE --probes|--cubemaps AxBxC|LIST -o FILE|FOLDER [options]\n\n"
+        "       sbl_bake SCENE --probes|--cubemaps NXxNYxNZ|LIST -o FILE|FOLDER [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
         "A lightmap needs second texture coordinates, which sbl_unwrap makes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);

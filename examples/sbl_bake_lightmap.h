@@ -155,7 +155,7 @@ static int find_more_files(const scene_file *read) {
 
 /* What the files of the scene need to know of a map. */
 typedef struct baked_map {
-    double range;            /* of rgbm */
+    double range;            /* the value that 1 stands for in rgbm */
     int window_count;        /* 0: it was not baked in windows */
     plan_folder folder;      /* of its windows; it stays until all maps are baked, so that --resume finds them */
 } baked_map;
@@ -167,13 +167,13 @@ typedef struct map_scene {
     image *atlases;          /* have values only if scene_lit.glb is written */
     lit_scene lit;
     gltf_file gltf;
-    char extras[64];         /* of gltf */
+    char extras[64];         /* gltf.extras */
     const scene_file *file;
     int texture;             /* number of the texture that is written next */
 } map_scene;
 
 typedef struct lightmap {
-    int number;              /* of the map */
+    int number;              /* number of the map */
     image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters. Their values may
                                 be the same array, which is light before the windows are joined, and then atlas */
     image overlap;           /* has no values if charts do not overlap */
@@ -437,7 +437,7 @@ typedef struct map_bake {
     windows windows;
     image window;            /* the window that was baked last, in the components of map_channels */
     lightmap map;
-    int *meshes;             /* of the map */
+    int *meshes;             /* numbers of the meshes in the map */
     map_scene scene;
 } map_bake;
 

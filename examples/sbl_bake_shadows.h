@@ -14,7 +14,7 @@ static const char *const shadow_channels[SHADOW_LIGHTS] = { "R", "G", "B", "A" }
 /* The mask that is being made. */
 typedef struct shadow_mask {
     tool_task *task;
-    map_bake *bake;                /* of the lightmap */
+    map_bake *bake;                /* the bake of the lightmap */
     const sbl_lightmap_desc *map;  /* describes the lightmap, in whose layout the mask is made */
     sbl_lightmap_desc desc;        /* of the bakes */
     sbl_light lights[SHADOW_LIGHTS];

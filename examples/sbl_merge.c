@@ -25,12 +25,11 @@ enum { OUTPUT, EXPOSURE, QUIET, HELP, VERSION, OPTION_COUNT };
 
 static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &options.output, 0, 0, 0,
-                 "also -o; of a picture: .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); of a bake: .json or\n"
-                 ".ply" },
+                 "also -o; a picture: .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats);\n"
+                 "a bake: .json or .ply" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "brightness of a .png, if the parts are not of channel display: each stop doubles it; default auto, "
-                   "which\n"
-                   "is the exposure that sbl_render found for the whole", exposure_words },
+                   "each stop doubles the brightness of a .png; default auto: the exposure that\n"
+                   "sbl_render found for the whole. Not for parts of channel display", exposure_words },
     [QUIET] = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no warnings" },
     [HELP] = { "--help", "[all]", FLAG_OR_WORD, &options.help_all, 0, 0, 0, "also -h; this text", help_words },
     [VERSION] = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version" }
@@ -42,11 +41,12 @@ static void print_help(void) {
         { TOOL_HEADING, "Options:" }, { OUTPUT, "" }, { EXPOSURE, "" }, { QUIET, "" }, { HELP, "" }, { VERSION, "" }
     };
     printf("usage: sbl_merge PART... -o FILE [options]\n\n"
-           "Joins the parts that sbl_render --part K/N (or --window) or sbl_bake --part K/N has made. A PART is a\n"
-           "file, or a folder: then all its files with the right ending are parts. This ending is .exr for a picture,\n"
-           "and that of the output for a bake. The file of a bake is, to the byte, the one that is made in one piece.\n"
-           "Parts that are missing, given twice, incomplete, or made from another scene, with other options or by\n"
-           "another version are refused by name. Needs little memory, whatever the size of the parts.\n");
+           "Joins the parts of a picture (sbl_render --part K/N or --window) or of a bake (sbl_bake --part K/N with\n"
+           "--probes or --vertices; sbl_bake --join joins lightmaps). A PART is a file, or a folder that holds the\n"
+           "parts: all its .exr files for a picture, all its .json or .ply files, as the output, for a bake. The joined\n"
+           "file of a bake is, to the byte, that of a bake in one piece. It is an error if a part is missing, given\n"
+           "twice or incomplete, or comes from another scene, other options or another version; the message names the\n"
+           "part. Needs little memory, whatever the size of the parts.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), 1);
     printf("\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n(SIGTERM), 129 (SIGHUP).\n");

@@ -246,22 +246,22 @@ enum {
     { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
     { SKY_ROTATION, "rotates the picture of the sky" }, \
     { SKY_SCALE, "multiplies the light of the picture of the sky" }, \
-    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file" }, { MATERIALS, NULL }
+    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file; not emission or sky" }, { MATERIALS, NULL }
 #define QUALITY_LINES \
     { PRESET, "draft, default or high" }, \
     { BACKEND, NULL }, { RAYS, NULL }, { MAX_BOUNCE_CELLS, NULL }, { EPSILON, NULL }, { SENSOR_SIZE, NULL }, \
     { TILE, NULL }, { THRESHOLD, NULL }, { FILTER_RADIUS, NULL }, { SEED, NULL }
 #define OUTPUT_LINES \
-    { STORE, "keeps the bounced light for the next run" }, { STORE_REPLACE, NULL }, \
+    { STORE, "loads the bounced light, or saves it for the next run" }, { STORE_REPLACE, NULL }, \
     { STATS, "writes counts, times and memory as JSON" }, \
     { QUIET, "no progress bar and no warnings" }, \
     { VERBOSE, "prints what was found and chosen" }, \
-    { HELP, "this text" }, \
+    { HELP, "also -h; all: lists every option" }, \
     { VERSION, "prints the version" }
 #define SAFETY_LINES \
     { ALLOW_PATH, "the scene may also refer to files below DIR" }, \
     { MEMORY, "limit on memory, such as 4G" }, \
-    { READ_TIME, "limit on the time for reading it; default 60" }
+    { READ_TIME, "limit on the time for reading the scene; default 60" }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
 
