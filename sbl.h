@@ -3142,7 +3142,7 @@ typedef struct sbl__target { unsigned id; int width, height, count; unsigned tex
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 1024  /* at least the number of all variants of all recipes; test_steps.c counts them */
+#define SBL__PROGRAMS_MOST 1280  /* at least the number of all variants of all recipes; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;

@@ -194,7 +194,7 @@ static const tool_option table[OPTION_COUNT] = {
                     "with --vertices: weight of the rule that the slope of the light is equal on both sides of an "
                     "edge; 0 turns\n"
                     "it off; default 0.02" },
-    [PROBES] = { "--probes", "NXxNYxNZ|LIST", SIZES, options.grid, 3, 1, 4096,
+    [PROBES] = { "--probes", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
                  "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells of a "
                  "grid over\n"
                  "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers "
@@ -213,7 +213,7 @@ static const tool_option table[OPTION_COUNT] = {
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
-    [CUBEMAPS] = { "--cubemaps", "NXxNYxNZ|LIST", SIZES, options.grid, 3, 1, 4096,
+    [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
                    "bakes what is seen from points in the air, for reflections: a grid of points or a list, as for "
                    "--probes. Writes\n"
                    "these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
@@ -306,7 +306,7 @@ static void print_help(void) {
     printf(
         "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-        "       sbl_bake SCENE --probes|--cubemaps NXxNYxNZ|LIST -o FILE|FOLDER [options]\n\n"
+        "       sbl_bake SCENE --probes|--cubemaps AxBxC|LIST -o FILE|FOLDER [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
         "A lightmap needs second texture coordinates, which sbl_unwrap makes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);

@@ -155,7 +155,7 @@ static int find_more_files(const scene_file *read) {
 
 /* What the files of the scene need to know of a map. */
 typedef struct baked_map {
-    double range;            /* the value that 1 stands for in rgbm */
+    double range;            /* range of rgbm, see map_file.h */
     int window_count;        /* 0: it was not baked in windows */
     plan_folder folder;      /* of its windows; it stays until all maps are baked, so that --resume finds them */
 } baked_map;

@@ -381,7 +381,7 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--ao 0: the value must be a number", "room.gltf", "--lightmap", "8", "-o", "no", "--ao", "0");
     REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
     REFUSED(2, "must end in .json", "room.gltf", "--probes", "2x2x2", "-o", "out.txt");
-    REFUSED(2, "NXxNYxNZ with whole numbers from 1 to 4096, or a text file", "room.gltf", "--probes", "2", "-o",
+    REFUSED(2, "AxBxC with whole numbers from 1 to 4096, or a text file", "room.gltf", "--probes", "2", "-o",
             "no.json");
     REFUSED(2, "--probes 2x2", "room.gltf", "--probes", "2x2", "-o", "no.json");
     REFUSED(2, "--probes 0x1x1", "room.gltf", "--probes", "0x1x1", "-o", "no.json");
@@ -449,6 +449,7 @@ TEST(groups_have_maps) {
     CHECK(off < 1e-5 * mean, "the sum is off by %g, mean %g", off, mean);
     CHECK(sky_off < 0.02 * mean, "the lamp alone is off by %g, mean %g", sky_off, mean);
     free(atlas.values); free(lamp.values); free(sky.values); free(rest.values); free(alone.values);
+    CHECK(TOOL("room.gltf", DIRECT, "--light-groups", "rest=nothing,lamp=*", "-o", "groups") == 0, "%s", ran.err);
     REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
     REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
     REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
@@ -458,6 +459,31 @@ TEST(groups_have_maps) {
             "new");
     CHECK(TOOL("room.gltf", "--lightmap", "16", "--preset", "draft", "--quiet", "--light-groups", "lamp=*", "--ao",
                "1", "-o", "dim") == 0 && exists("dim/ao.png") && exists("dim/atlas_lamp.exr"), "%s", ran.err);
+}
+
+/* A lamp without red belongs to its group, too. */
+TEST(groups_of_green_lamps) {
+    static char text[16384];
+    picture lamp;
+    char *emission;
+    double green = 0;
+    int i, lines;
+    FILE *out;
+    write_scene("room.gltf", apart, 1);
+    read_text(in_folder("room.gltf"), text, sizeof text, &lines);
+    emission = strstr(text, "[1,1,0.5]");
+    REQUIRE(emission, "the lamp has another emission");
+    emission[1] = '0';
+    out = fopen(in_folder("green.gltf"), "w");
+    fputs(text, out);
+    fclose(out);
+    CHECK(TOOL("green.gltf", DIRECT, "--light-groups", "above=sky,lamp=*", "--sky", "0.1,0.1,0.1", "-o", "green") == 0,
+          "%s", ran.err);
+    lamp = read_pfm("green/atlas_lamp.pfm");
+    REQUIRE(lamp.values, "a map is missing");
+    for (i = 0; i < lamp.width * lamp.height; i++) green += (double)lamp.values[3 * i + 1];
+    CHECK(green > 0, "the group has no light");
+    free(lamp.values);
 }
 
 #define SKY "--mode", "direct", "--quiet", "--sky", "0.3,0.2,0.1"
@@ -757,6 +783,7 @@ int main(int argc, char **argv) {
     RUN(occlusion_beside_the_light);
     RUN(what_is_wrong_is_said);
     RUN(groups_have_maps);
+    RUN(groups_of_green_lamps);
     RUN(groups_at_vertices);
     RUN(groups_of_probes);
     RUN(help_is_short_or_complete);

@@ -453,14 +453,15 @@ TEST(mirrors_show_lamps) {
 /* In a mirror stand the same points with the same light as a camera behind the mirror would see. */
 TEST(mirrors_show_surfaces) {
     enum { SIDE = 24 };
-    static const sbl_channel same[4] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL,
-        SBL_CHANNEL_ID };
+    enum { SAME = 5 };
+    static const sbl_channel same[SAME] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL,
+        SBL_CHANNEL_ID, SBL_CHANNEL_SPECULAR_ALBEDO };
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, 2, 2, 0.2f, 0, 0, 0), SBL_MODE_DIRECT, 0), behind;
     shot p, q;
-    double worst[4] = { 0 };
+    double worst[SAME] = { 0 };
     int i, j, k, seen_points = 0;
-    scene_box(&s, scene_material(&s, 0.6f, 0.5f, 0.4f), -1.6f, 0.4f, -0.5f, -0.8f, 1.4f, 0.5f);
+    scene_box(&s, scene_gloss(&s, 0.6, 0.5, 0.4, 0, 0.5), -1.6f, 0.4f, -0.5f, -0.8f, 1.4f, 0.5f);
     for (i = 0; i < s.mesh_count; i++) s.meshes[i].id = (uint32_t)i + 1;
     s.lights[0].kind = SBL_LIGHT_POINT;
     scene_light(&s, SBL_LIGHT_POINT, 3, 4, 5)->position[0] = 1;
@@ -469,24 +470,24 @@ TEST(mirrors_show_surfaces) {
     behind = view;  /* the camera is at y = -2, and what it shows is upside down */
     sbl_look_at(behind.world_to_view, 2, -2, 0.2f, 0, 0, 0, 0, 1, 0);
     if (!shoot(&q, &s, &behind)) return;
-    for (i = 0; i < 4; i++) at(&q, same[i], 0, 0);
+    for (i = 0; i < SAME; i++) at(&q, same[i], 0, 0);
     scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0, 1);
     if (!shoot(&p, &s, &view)) return;
     for (i = 0; i < SIDE * SIDE; i++)
-        for (j = 0; j < 4; j++)
+        for (j = 0; j < SAME; j++)
             for (k = 0; k < (j == 3 ? 1 : 3); k++) {
                 const int x = i % SIDE, y = i / SIDE;
                 const double a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
                 const float id = at(&p, SBL_CHANNEL_ID, x, y)[0], other = at(&q, SBL_CHANNEL_ID, x, SIDE - 1 - y)[0];
-                if (other <= 0 || (j < 3 && id != other)) continue;
+                if (other <= 0 || (j != 3 && id != other)) continue;
                 seen_points += j == 3;
-                if (j < 3) worst[j] = test_max(worst[j], fabs(a - b) / (j ? 1 : fabs(b) + 0.01));
+                if (j != 3) worst[j] = test_max(worst[j], fabs(a - b) / (j ? 1 : fabs(b) + 0.01));
                 else worst[j] += a != b;
             }
-    printf("    R %.4f %%, position %.5f, normal %.5f, %g other ids of %d\n", 100 * worst[0], worst[1], worst[2],
-           worst[3], seen_points);
+    printf("    R %.4f %%, position %.5f, normal %.5f, %g other ids of %d, albedo of lobes %.5f\n", 100 * worst[0],
+           worst[1], worst[2], worst[3], seen_points, worst[4]);
     CHECK(seen_points > 100, "only %d points are seen", seen_points);
-    CHECK(worst[0] < 0.002 && worst[1] < 1e-3 && worst[2] < 1e-3 && worst[3] <= 3, "the mirror shows something else");
+    CHECK(worst[0] < 0.002 && worst[1] < 1e-3 && worst[2] < 1e-3 && worst[3] <= 3 && worst[4] < 2e-3, "the mirror shows something else");
     forget(&p);
     forget(&q);
     scene_free(&s);
@@ -521,6 +522,23 @@ TEST(mirrors_blur_what_they_show) {
     }
     printf("    error %.4f of the lamp's radiance; that of a sharp edge would be %.4f\n", sqrt(off2), sqrt(sharp2));
     CHECK(sqrt(off2) < 0.03 && sqrt(sharp2) > 0.06, "the blurred edge is off by %.4f", sqrt(off2));
+    forget(&p);
+    scene_free(&s);
+}
+
+/* A texture of transmission counts with its red channel. */
+TEST(panes_read_red) {
+    static const unsigned char texel[4] = { 51, 230, 128, 255 };
+    test_scene s = { 0 };
+    const sbl_picture_desc view = view_of_plate(1, 1, 1, 0, 1);
+    const int pane = scene_pane(&s, 1, 1, 1, 1);
+    shot p;
+    s.materials[pane].transmission_texture = scene_texture(&s, texel, sizeof texel, SBL_PIXELS_LINEAR8, 1, 1, 4);
+    scene_floor(&s, pane, 0, 1);
+    scene_floor(&s, scene_lamp(&s, 1, 1, 1), -1, 3);
+    if (!shoot(&p, &s, &view)) return;
+    CHECK(fabs((double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1] - 0.2 * 0.96) < 0.002, "the lamp behind shows %.4f",
+          (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1]);
     forget(&p);
     scene_free(&s);
 }
@@ -1644,6 +1662,7 @@ int main(void) {
     RUN_UNSANITIZED(mirrors_show_surfaces);
     RUN_UNSANITIZED(mirrors_blur_what_they_show);
     RUN_UNSANITIZED(panes_mirror_bounced_light);
+    RUN_UNSANITIZED(panes_read_red);
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
     RUN_UNSANITIZED(highlights_of_the_sky);
@@ -1655,8 +1674,8 @@ int main(void) {
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(lobes_may_be_black);
     RUN(matte_scenes_stay_the_same);
-    RUN(rooms_reflect_their_mean);
-    RUN(metal_out_of_view);
+    RUN_UNSANITIZED(rooms_reflect_their_mean);
+    RUN_UNSANITIZED(metal_out_of_view);
     RUN(materials_change);
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);

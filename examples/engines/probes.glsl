@@ -1,4 +1,4 @@
-// Light from a grid of probes, which sbl_bake --probes NXxNYxNZ has written as .json. For GLSL 3.30, GLSL ES 3.00 and
+// Light from a grid of probes, which sbl_bake --probes AxBxC has written as .json. For GLSL 3.30, GLSL ES 3.00 and
 // later. The host loads the file like this:
 //
 //     sbl_probe_grid, sbl_probe_origin, sbl_probe_spacing: "grid", "origin" and "spacing" of the file
