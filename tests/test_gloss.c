@@ -487,7 +487,8 @@ TEST(mirrors_show_surfaces) {
     printf("    R %.4f %%, position %.5f, normal %.5f, %g other ids of %d, albedo of lobes %.5f\n", 100 * worst[0],
            worst[1], worst[2], worst[3], seen_points, worst[4]);
     CHECK(seen_points > 100, "only %d points are seen", seen_points);
-    CHECK(worst[0] < 0.002 && worst[1] < 1e-3 && worst[2] < 1e-3 && worst[3] <= 3 && worst[4] < 2e-3, "the mirror shows something else");
+    CHECK(worst[0] < 0.002 && worst[1] < 1e-3 && worst[2] < 1e-3 && worst[3] <= 3 && worst[4] < 2e-3,
+          "the mirror shows something else");
     forget(&p);
     forget(&q);
     scene_free(&s);
