@@ -43,10 +43,10 @@ static void print_help(void) {
     printf("usage: sbl_merge PART... -o FILE [options]\n\n"
            "Joins the parts of a picture (sbl_render --part K/N or --window) or of a bake (sbl_bake --part K/N with\n"
            "--probes or --vertices; sbl_bake --join joins lightmaps). A PART is a file, or a folder that holds the\n"
-           "parts: all its .exr files for a picture, all its .json or .ply files, as the output, for a bake. The joined\n"
-           "file of a bake is, to the byte, that of a bake in one piece. It is an error if a part is missing, given\n"
-           "twice or incomplete, or comes from another scene, other options or another version; the message names the\n"
-           "part. Needs little memory, whatever the size of the parts.\n");
+           "parts: all its .exr files for a picture; all its .json or .ply files, as the output, for a bake. The\n"
+           "joined file of a bake is, to the byte, that of a bake in one piece. It is an error if a part is missing,\n"
+           "given twice or incomplete, or comes from another scene, other options or another version; the message\n"
+           "names the part. Needs little memory, whatever the size of the parts.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), 1);
     printf("\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n(SIGTERM), 129 (SIGHUP).\n");
