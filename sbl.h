@@ -3392,7 +3392,7 @@ enum {
     SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels follow are not perfect: samples blur them */
     SBL__FEATURES = 17,
     SBL__GROUPS_SHIFT = 17,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
-    SBL__GROUPS = 15 << 17      /* mask of that number */
+    SBL__GROUPS = 15 << 17      /* mask of the bits that hold the number of light groups */
 };
 
 #define SBL__SHADERS_MOST 15
@@ -13809,10 +13809,10 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
    shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
-   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link; before that it is valid
-   only if `firm` is 1. albedo: share of light that the surface reflects, see
-   sbl__share_pack. by_metal: 1: the ray has met metal before. firm: 1: the hit, of a point's ray, belongs to `leaf`
-   until that is cut */
+   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE. It is valid after sbl__bounce_link, and before
+   that only if `firm` is 1. albedo: share of light that the surface reflects, see sbl__share_pack. by_metal: 1: the ray
+   has met metal before. firm: 1: the hit belongs to `leaf` until a cut takes a part of this leaf; only hits of points'
+   rays are firm */
 typedef struct sbl__hit {
     float position[3], distance;
     uint32_t place, leaf;
@@ -13840,10 +13840,10 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
-   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: points from
-   this number on were made after the last cut that took a part of the leaf, so that hits of their rays that are in the
-   leaf have found it as it is; 0: no cut was made since all hits were found; read_end: index after that of its last
-   read. Its reads follow those of the leaf before it. */
+   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: number of
+   points that existed when a cut last took a part of the leaf, so that hits of later points have found the leaf as it
+   is; 0: no such cut was made since all hits were placed; read_end: index after that of the leaf's last read. Its reads
+   follow those of the leaf before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -13908,7 +13908,7 @@ typedef struct sbl__bounce {
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
-    sbl__bounce_read *reads;         /* of all leaves; made again when a leaf or point has changed its light or state */
+    sbl__bounce_read *reads;         /* what rays read, leaf by leaf; made again if a leaf or point changes its state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -14411,7 +14411,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < sbl__place_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
-    at->firm = word == sbl__place_word(s, at);  /* A later cut may lead from a cell of a wider level back to this. */
+    at->firm = word == sbl__place_word(s, at);  /* a leaf of a wider level may later be replaced by one of this level */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -15129,12 +15129,12 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     const sbl__bounce_leaf *leaf = &b->states[at];
     const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
     const sbl__leaf *leaves = b->store->leaves;
-    float *light = b->store->leaves[at].light, sum[3], sums[3] = { 0, 0, 0 };
+    float *light = b->store->leaves[at].light, sum[3], received[3] = { 0, 0, 0 };
     int k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
-    for (; read < end; read++) sbl__add_reflected(read->albedo, leaves[read->leaf].light, sums);
-    sum[0] = sums[0]; sum[1] = sums[1]; sum[2] = sums[2];
+    for (; read < end; read++) sbl__add_reflected(read->albedo, leaves[read->leaf].light, received);
+    memcpy(sum, received, sizeof sum);  /* compilers keep `received` in registers, because no loop indexes it */
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);

@@ -166,8 +166,8 @@ static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
 /* Converts row y of a picture to bytes, channel by channel. what: the value given to map_write_bytes */
 typedef void (*map_row)(unsigned char *to, const void *what, int y);
 
-/* Writes bytes as they are, without an encoding of colours, as a .png. channels: 1 or 4. texts: NULL, or facts for the
-   file. Returns whether that succeeded. */
+/* Writes a .png whose bytes are those of row_of: no colour space is applied or named. channels: 1 (grey) or 4 (rgba).
+   texts: text_count facts that the file also holds, each with a key. Returns whether that succeeded. */
 static int map_write_bytes(FILE *out, const image *size, int channels, map_row row_of, const void *what,
                            const png_text *texts, int text_count) {
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);

@@ -445,8 +445,8 @@ static int find_file(void) {
 }
 
 /* Gives the sources of the scene their light groups, if there are any. Returns the exit status. */
-static int assign_groups(const scene_file *file) {
-    if (!given[LIGHT_GROUPS] || groups_assign(&groups, (scene_file *)file, &grouped_materials)) return DONE;
+static int assign_groups(scene_file *file) {
+    if (!given[LIGHT_GROUPS] || groups_assign(&groups, file, &grouped_materials)) return DONE;
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
@@ -539,7 +539,7 @@ static char bin_name[PATH_MAX];
 
 /* Finds the meshes of the part, or, if --output is a .gltf, lists the files that it refers to. Returns the exit status.
    */
-static int find_vertex_files(const scene_file *file) {
+static int find_vertex_files(scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
     int status = find_meshes(file);
@@ -794,7 +794,7 @@ static int prepare_probes(void) {
     return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
-/* Describes the probes in words that tell them from all others. */
+/* Writes words that identify the probes: the size of their grid, or their number and a hash of their positions. */
 static void describe_probes(char *out, size_t size) {
     const size_t bytes = 12 * (size_t)listed.count;
     if (options.positions)

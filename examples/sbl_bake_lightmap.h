@@ -139,8 +139,7 @@ static int find_maps(scene_file *file) {
 }
 
 /* Lists the files that depend on the scene, after it was read. Returns the exit status. */
-static int find_more_files(const scene_file *read) {
-    scene_file *const file = (scene_file *)(uintptr_t)read;
+static int find_more_files(scene_file *file) {
     int i, status = find_maps(file);
     if (status == DONE) status = assign_groups(file);
     if (status != DONE || given[PART]) return status;

@@ -305,7 +305,7 @@ static int find_targets(int checked) {
 
 /* Checks the files of all frames, and finds those of the first frame. file: the scene, or NULL if it is not read yet.
    Returns the exit status. */
-static int check_frames(const scene_file *file) {
+static int check_frames(scene_file *file) {
     char folder[PATH_MAX + 16];
     int n, status = DONE;
     for (n = frames.last; n >= frames.first && status == DONE; n--) {

@@ -531,7 +531,7 @@ static void on_window_error(int code, const char *text) {
 }
 
 /* Opens the window, after the scene was read. Returns the exit status. */
-static int open_window(const scene_file *file) {
+static int open_window(scene_file *file) {
     int k, actual[2];
     (void)file;
     glfwSetErrorCallback(on_window_error);

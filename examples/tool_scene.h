@@ -685,9 +685,9 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
 static sbl_context_desc tool_context_desc;  /* a tool with a GL context of its own fills it in before the work */
 
 /* Reads the scene, calls the worker, writes statistics and stored light, and prints warnings. Returns the exit status.
-   prepare: NULL, or a function that is called after the scene is read and before the work begins; it returns an exit
-   status. arrange: NULL, or see tool_arranger. */
-static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file),
+   prepare: NULL, or a function that is called after the scene is read and before the work begins; it may change the
+   scene, and returns an exit status. arrange: NULL, or see tool_arranger. */
+static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(scene_file *file),
     tool_arranger arrange) {
     scene_file *file, *sky = NULL;
     messages said;

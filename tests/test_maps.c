@@ -60,16 +60,6 @@ static void check_files(const char *all, const char *const *files, int count) {
         }
 }
 
-/* Returns a number of the file of --stats. */
-static double stat_of(const char *name, const char *key) {
-    static char text[4096];
-    const char *at;
-    int lines;
-    read_text(in_folder(name), text, sizeof text, &lines);
-    at = strstr(text, key);
-    return at ? atof(at + strlen(key)) : -1;
-}
-
 /* >>all maps */
 
 /* Each map is, to the bit, that of its own run, and the bounced light is measured once. */
@@ -87,10 +77,11 @@ TEST(maps_are_those_of_their_own_runs) {
     check_files("all", files, (int)(sizeof files / sizeof *files));
     CHECK(!same_files("one_0/atlas.pfm", "one_1/atlas.pfm"), "both maps are the same");
     CHECK(!exists("all/atlas.pfm") && !exists("one_0/maps.json") && exists("all/scene_lit.glb"), "other files");
-    rays = stat_of("0.json", "\"bounce_rays\":");
-    CHECK(rays > 0 && stat_of("all.json", "\"bounce_rays\":") == rays, "%g rays of bounced light, not %g",
-          stat_of("all.json", "\"bounce_rays\":"), rays);
-    CHECK(stat_of("all.json", "\"sensors\":") > stat_of("0.json", "\"sensors\":"), "the sensors of one map are told");
+    rays = number_after("0.json", "\"bounce_rays\":");
+    CHECK(rays > 0 && number_after("all.json", "\"bounce_rays\":") == rays, "%g rays of bounced light, not %g",
+          number_after("all.json", "\"bounce_rays\":"), rays);
+    CHECK(number_after("all.json", "\"sensors\":") > number_after("0.json", "\"sensors\":"),
+          "the sensors of one map are told");
 }
 
 /* Light groups have a file for each map. */

@@ -46,14 +46,7 @@ static int make_parts(const char *name, const char *ending, int count, const cha
 #define PARTS(name, ending, count, ...) make_parts(name, ending, count, (const char *const[]){ __VA_ARGS__, NULL })
 
 /* Returns the value of a fact of a part of probes, such as "first": or of vertices, such as comment sbl.first */
-static int fact_of(const char *name, const char *fact) {
-    static char text[16384];
-    const char *at;
-    int lines;
-    read_text(in_folder(name), text, sizeof text, &lines);
-    at = strstr(text, fact);
-    return at ? atoi(at + strlen(fact)) : -1;
-}
+static int fact_of(const char *name, const char *fact) { return (int)number_after(name, fact); }
 
 /* Lets the tool have at most 10 files open at the same time. */
 static void few_files(void) {

@@ -184,6 +184,17 @@ static char *in_folder(const char *name) {
     snprintf(path[next], sizeof path[next], "%s/%s", folder, name);
     return path[next];
 }
+
+/* Returns the number that follows the words in a file of the test's folder, or -1. */
+static inline double number_after(const char *name, const char *words) {
+    static char text[16384];
+    const char *at;
+    int lines;
+    read_text(in_folder(name), text, sizeof text, &lines);
+    at = strstr(text, words);
+    return at ? atof(at + strlen(words)) : -1;
+}
+
 static int exists(const char *name) {
     struct stat info;
     return stat(in_folder(name), &info) == 0;
