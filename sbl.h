@@ -2888,7 +2888,7 @@ typedef struct sbl__record {
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains the cell's level (two bits) times this */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
-#define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
+#define SBL__BUCKET_TRIES 64       /* largest number of buckets that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: it leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
@@ -2896,8 +2896,8 @@ typedef struct sbl__record {
 #define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes a triangle's number n as two floats: n % this (+ 1), n / this */
 #define SBL__CAST_LAYERS 16        /* cast.glsl writes the layers a and b of two lights as a + this * b */
-#define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
-#define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
+#define SBL__GUIDE_BANDS 16        /* bands of a guide's histogram, see >>guide */
+#define SBL__GUIDE_SECTORS 32      /* sectors of each band */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look.which */
@@ -2953,9 +2953,9 @@ typedef struct sbl__record {
 /* Shaders get these as #define SBL_name: constants with the text of SBL__name, flags with SBL_MATERIAL_name's value */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
+    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(CAST_LAYERS) \
-    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
+    X(GUIDE_BANDS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
@@ -3570,34 +3570,38 @@ static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned f
 
 /* >>device: uniforms and textures of the program in use. Names that the program does not have are ignored. */
 
-static int sbl__place(const sbl__device *d, const char *name) { return d->gl.GetUniformLocation(d->program, name); }
-
-static void sbl__set_int(const sbl__device *d, const char *name, int x) { d->gl.Uniform1i(sbl__place(d, name), x); }
-
-static void sbl__set_ints(const sbl__device *d, const char *name, int x, int y) {
-    d->gl.Uniform2i(sbl__place(d, name), x, y);
+static int sbl__location(const sbl__device *d, const char *name) {
+    return d->gl.GetUniformLocation(d->program, name);
 }
 
-static void sbl__set_float(const sbl__device *d, const char *name, float x) { d->gl.Uniform1f(sbl__place(d, name), x); }
+static void sbl__set_int(const sbl__device *d, const char *name, int x) { d->gl.Uniform1i(sbl__location(d, name), x); }
+
+static void sbl__set_ints(const sbl__device *d, const char *name, int x, int y) {
+    d->gl.Uniform2i(sbl__location(d, name), x, y);
+}
+
+static void sbl__set_float(const sbl__device *d, const char *name, float x) {
+    d->gl.Uniform1f(sbl__location(d, name), x);
+}
 
 static void sbl__set_vec2(const sbl__device *d, const char *name, float x, float y) {
-    d->gl.Uniform2f(sbl__place(d, name), x, y);
+    d->gl.Uniform2f(sbl__location(d, name), x, y);
 }
 
 static void sbl__set_vec3(const sbl__device *d, const char *name, const float v[3]) {
-    d->gl.Uniform3f(sbl__place(d, name), v[0], v[1], v[2]);
+    d->gl.Uniform3f(sbl__location(d, name), v[0], v[1], v[2]);
 }
 
 static void sbl__set_vec4(const sbl__device *d, const char *name, const float v[4]) {
-    d->gl.Uniform4f(sbl__place(d, name), v[0], v[1], v[2], v[3]);
+    d->gl.Uniform4f(sbl__location(d, name), v[0], v[1], v[2], v[3]);
 }
 
 static void sbl__bind_to(sbl__device *d, const char *name, unsigned target, unsigned texture) {
-    const int place = sbl__place(d, name);
-    if (place < 0) return;
+    const int location = sbl__location(d, name);
+    if (location < 0) return;
     d->gl.ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)d->unit);
     d->gl.BindTexture(target, texture);
-    d->gl.Uniform1i(place, d->unit++);
+    d->gl.Uniform1i(location, d->unit++);
 }
 
 static void sbl__bind(sbl__device *d, const char *name, const sbl__texture *t) {
@@ -4811,44 +4815,44 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 
 /* Hash table of numbers, with linear probing. Numbers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
-    uint32_t *slots;  /* 1 + number; 0: free */
-    uint32_t mask;    /* number of slots, which is a power of two, minus 1 */
+    uint32_t *buckets;  /* 1 + number; 0: free */
+    uint32_t mask;      /* number of buckets, which is a power of two, minus 1 */
 } sbl__hash_table;
 
 static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
-    sbl__free(base, t->slots);
-    t->slots = NULL;
+    sbl__free(base, t->buckets);
+    t->buckets = NULL;
 }
 
 /* Makes the table empty, with room for `count` numbers. */
 static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
-    uint32_t slots = 16;
-    while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
+    uint32_t buckets = 16;
+    while (buckets < 2 * count && buckets < 0x80000000u) buckets *= 2;
     sbl__hash_table_free(base, t);
-    t->slots = (uint32_t *)sbl__alloc(base, slots, sizeof *t->slots);
-    t->mask = slots - 1;
-    return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    t->buckets = (uint32_t *)sbl__alloc(base, buckets, sizeof *t->buckets);
+    t->mask = buckets - 1;
+    return t->buckets ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in slot *slot & t->mask and increments *slot. A loop that begins with *slot = hash gets all
-   numbers with this hash, and some others. If the slot is free, returns SBL__NONE and does not change *slot. */
-static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
-    const uint32_t found = t->slots[*slot & t->mask];
-    *slot += found > 0;
+/* Returns the number in bucket *bucket & t->mask and increments *bucket. A loop that begins with *bucket = hash gets
+   all numbers with this hash, and some others. If the bucket is free, returns SBL__NONE and does not change *bucket. */
+static uint32_t sbl__bucket_next(const sbl__hash_table *t, uint32_t *bucket) {
+    const uint32_t found = t->buckets[*bucket & t->mask];
+    *bucket += found > 0;
     return found - 1;
 }
 
-static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
-    t->slots[slot & t->mask] = number + 1;
+static void sbl__bucket_fill(sbl__hash_table *t, uint32_t bucket, uint32_t number) {
+    t->buckets[bucket & t->mask] = number + 1;
 }
 
 /* Returns the first number with this hash for which `same` is true. If there is none, inserts and returns `number`. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
-    uint32_t slot = hash, other;
-    while ((other = sbl__slot_next(t, &slot)) != SBL__NONE)
+    uint32_t bucket = hash, other;
+    while ((other = sbl__bucket_next(t, &bucket)) != SBL__NONE)
         if (same(user, number, other)) return other;
-    sbl__slot_fill(t, slot, number);
+    sbl__bucket_fill(t, bucket, number);
     return number;
 }
 
@@ -4865,13 +4869,13 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Hashes the place of a vertex. Vertices are at the same place if they belong to one mesh and their positions are
+/* Hashes the position of a vertex. Vertices share a position if they belong to one mesh and their positions are
    equal. */
-static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
+static uint32_t sbl__position_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
 
-static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
+static int sbl__same_position(const void *geometry, uint32_t one, uint32_t other) {
     const sbl__vertex *v = ((const sbl__geometry *)geometry)->vertices;
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
@@ -5157,7 +5161,7 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
-    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, SBL__TEXTURE flags */
+    uint32_t (*entries)[4];    /* per texture: first row in its table, width, height, SBL__TEXTURE flags */
     float *brightest;          /* per texture: largest r, g or b of its texels; always 1 for SRGB8 in client memory */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
@@ -5166,7 +5170,7 @@ typedef struct sbl__textures {
 static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
     sbl__texture_delete(d, &t->tables[0]);
     sbl__texture_delete(d, &t->tables[1]);
-    sbl__free(d->base, t->places);
+    sbl__free(d->base, t->entries);
     sbl__free(d->base, t->brightest);
     memset(t, 0, sizeof *t);
 }
@@ -5192,9 +5196,9 @@ static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
    SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
 static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                     const sbl_texture *t, int number, const float *copy) {
-    const int width = (int)s->places[number][1], height = (int)s->places[number][2];
+    const int width = (int)s->entries[number][1], height = (int)s->entries[number][2];
     const int encoded = !copy && t->format == SBL_PIXELS_SRGB8;
-    unsigned char *to = table->bytes + (size_t)s->places[number][0] * (size_t)table->width * table->texel;
+    unsigned char *to = table->bytes + (size_t)s->entries[number][0] * (size_t)table->width * table->texel;
     int x, y, k;
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++, to += table->texel) {
@@ -5219,7 +5223,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
 
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                      const sbl_texture *t, int number) {
-    const int size[2] = { (int)s->places[number][1], (int)s->places[number][2] };
+    const int size[2] = { (int)s->entries[number][1], (int)s->entries[number][2] };
     float *copy = NULL;
     sbl_result result = SBL_SUCCESS;
     if (t->gl_texture) {
@@ -5233,8 +5237,8 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
     return result;
 }
 
-/* Appends rows for a texture to a texel table, and sets s->places. Logs and returns an error if it cannot. */
-static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
+/* Appends rows for a texture to a texel table, and sets s->entries. Logs and returns an error if it cannot. */
+static sbl_result sbl__textures_enter(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
                                       int number) {
     const int most = d->gl.capabilities.max_texture_size;
     int size[2] = { t->width, t->height };
@@ -5256,10 +5260,10 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
                  "%d x %d texels; use smaller textures", number, table->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->places[number][0] = (uint32_t)table->rows;
-    s->places[number][1] = (uint32_t)size[0];
-    s->places[number][2] = (uint32_t)size[1];
-    s->places[number][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+    s->entries[number][0] = (uint32_t)table->rows;
+    s->entries[number][1] = (uint32_t)size[0];
+    s->entries[number][2] = (uint32_t)size[1];
+    s->entries[number][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
                           (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
     table->rows += (int)rows;
     return SBL_SUCCESS;
@@ -5276,7 +5280,7 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
     table.width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
     for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
         if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
-            result = sbl__textures_place(d, s, &table, &desc->textures[i], i + 1);
+            result = sbl__textures_enter(d, s, &table, &desc->textures[i], i + 1);
     if (result != SBL_SUCCESS || !table.rows) return result;
     table.bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table.rows * (size_t)table.width, table.texel);
     if (!table.bytes) return SBL_ERROR_OUT_OF_MEMORY;
@@ -5295,9 +5299,9 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
 static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
     sbl_result result;
     s->count = desc->texture_count;
-    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
+    s->entries = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->entries);
     s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
-    if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!s->entries || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
     s->brightest[0] = 1;
     result = sbl__texel_table_make(d, s, desc, 0);
     return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
@@ -5334,11 +5338,11 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     unsigned features = 0;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
-    memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
-    memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
-    memcpy(o->specular_texture, t->places[m->specular_texture], sizeof o->specular_texture);
-    memcpy(o->transmission_texture, t->places[m->transmission_texture], sizeof o->transmission_texture);
-    memcpy(o->normal_texture, t->places[m->normal_texture], sizeof o->normal_texture);
+    memcpy(o->albedo_texture, t->entries[m->albedo_texture], sizeof o->albedo_texture);
+    memcpy(o->emission_texture, t->entries[m->emission_texture], sizeof o->emission_texture);
+    memcpy(o->specular_texture, t->entries[m->specular_texture], sizeof o->specular_texture);
+    memcpy(o->transmission_texture, t->entries[m->transmission_texture], sizeof o->transmission_texture);
+    memcpy(o->normal_texture, t->entries[m->normal_texture], sizeof o->normal_texture);
     o->normal_scale = m->normal_scale == 0 ? 1 : m->normal_scale;
     o->layer = (uint32_t)m->light_group;
     o->transmission = m->transmission;
@@ -5429,10 +5433,10 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
-"float sbl_lobe_place(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
+"float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
 "\n",
 "float sbl_lobe_row(float roughness) {\n",
-"    return sbl_lobe_place((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));\n",
+"    return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));\n",
 "}\n",
 "\n",
 "vec2 sbl_lobe_entry(int row, int column) {\n",
@@ -5443,7 +5447,7 @@ static const char *const sbl__glsl_lobe[] = {
 "// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.\n",
 "vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
 "    float alpha = roughness * roughness, u = 1.0 - cosine;\n",
-"    float x = sbl_lobe_place(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);\n",
+"    float x = sbl_lobe_step(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);\n",
 "    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
 "    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
@@ -5703,8 +5707,8 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
 "    if (emits) radiance *= sbl_lamp_met();\n",
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
-"        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
-"        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
+"        uvec4 entry = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
+"        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(entry, at.uv)).rgb;\n",
 "        if (emits) radiance *= sbl_opacity(object, at);\n",
 "    }\n",
 "    return radiance;\n",
@@ -6191,7 +6195,7 @@ static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uin
 /* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
 static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
-    const int place = h->node_count++;
+    const int node = h->node_count++;
     sbl__grid_node grid;
     int k;
     for (k = 0; k < 3; k++) {
@@ -6201,9 +6205,9 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
         grid.per_length[k] = (float)(65533 / size);
         grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
-    grid.root = (uint32_t)place + 1;
+    grid.root = (uint32_t)node + 1;
     grid.around = around;
-    memcpy(&h->building->children[2 * place], &grid, sizeof grid);
+    memcpy(&h->building->children[2 * node], &grid, sizeof grid);
     return grid;
 }
 
@@ -6670,7 +6674,7 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | number. The number is a triangle's place in the
+/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | number. The number is a triangle's index in the
    hierarchy's order, the number of a light or of a glow, or a texel's row * width + column. layer: number of the lamp's
    light group; a glow has all groups, see sbl_lamp_share in lamp.glsl */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UINT, layer) X(sbl__lamp_leaf, UVEC2, unused)
@@ -6685,7 +6689,7 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
 /* A triangle that is lit so brightly that it is a lamp. It shines on the side from which its corners run anticlockwise.
-   radiance: without albedo texture and vertex colours. triangle: place, in the hierarchy's order, of the triangle of
+   radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of the triangle of
    the scene to which it belongs. leaf: number of the store's leaf that holds its light */
 #define SBL__GLOW(X) \
     X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
@@ -6800,9 +6804,9 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-/* Makes the lamp of the triangle at a place of the hierarchy's order. If its front emits no light, does nothing. */
-static void sbl__lamp_of_triangle(const sbl__lamps *l, int place, sbl__lamp *lamp) {
-    const uint32_t number = l->hierarchy->order[place];
+/* Makes the lamp of the triangle at an index of the hierarchy's order. If its front emits no light, does nothing. */
+static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lamp) {
+    const uint32_t number = l->hierarchy->order[index];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
     double normal[3], area;
@@ -6811,15 +6815,15 @@ static void sbl__lamp_of_triangle(const sbl__lamps *l, int place, sbl__lamp *lam
     object = sbl__triangle_object(l->geometry, number);
     if (!sbl__emits(object, 0)) return;
     area = sbl__scene_normal(l->geometry, number, normal);
-    sbl__lamp_make(lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
+    sbl__lamp_make(lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)index, zero, 0,
                    SBL__MAX(area * sbl__emission_sum(object), SBL__POWER_LEAST), 0);
     sbl__box_of_triangle(&lamp->bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp->normal[k] = (float)normal[k];
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
-/* Makes a light's record. place: receives its position, or the direction towards a directional light. */
-static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
+/* Makes a light's record. position: receives its position, or the direction towards a directional light. */
+static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double position[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
     const double scale = 1 / SBL__MAX(SBL__SPOT_LEAST, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
@@ -6828,8 +6832,8 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
     sbl__normalize(axis);
     for (k = 0; k < 3; k++) {
-        place[k] = distant ? -axis[k] : light->position[k];
-        record->position[k] = (float)place[k];
+        position[k] = distant ? -axis[k] : light->position[k];
+        record->position[k] = (float)position[k];
         record->intensity[k] = light->intensity[k];
         record->axis[k] = (float)(spot ? axis[k] : 0);
     }
@@ -6934,8 +6938,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     for (k = 0; k < 3; k++) {
         const double middle = sbl__box_middle(&lamp->bounds, k);
         const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
-        const uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
-        for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (place >> bit & 1u) << (3 * bit + k);
+        const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
+        for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (step >> bit & 1u) << (3 * bit + k);
     }
     return curve;
 }
@@ -7208,11 +7212,11 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                 hash grid -> leaf, or cut -> ... -> leaf: R
        position -> cube        /                                                                                  */
 
-/* A slot of the hash grid. check: a second hash of the cell, 0 if the slot is free. reference: the number of a leaf
+/* A bucket of the hash grid. check: a second hash of the cell, 0 if the bucket is free. reference: the number of a leaf
    plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
-typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
+typedef struct sbl__cell_bucket { uint32_t check, reference; } sbl__cell_bucket;
 
-/* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
+/* A plane that divides a cell. sides: references, like those of buckets, to the parts where dot(normal, position) is at
    most `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division);
    0: because an object stands there */
 #define SBL__CUT(X) \
@@ -7233,7 +7237,7 @@ typedef struct sbl__store {
     int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
-    sbl__cell_slot *cells;     /* slots of the hash grid, also free ones */
+    sbl__cell_bucket *cells;     /* buckets of the hash grid, also free ones */
     int cell_room;             /* number of elements of `cells`: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
@@ -7299,7 +7303,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
 
 /* Computes the coordinates of the cube that contains a position, in the grid of the patch word's level. On a flat
    patch, the coordinate along its axis is 0. */
-static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
+static void sbl__cell_at(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
     for (k = 0; k < 3; k++) {
@@ -7313,28 +7317,28 @@ static uint32_t sbl__cell_hash(uint32_t patch, const uint32_t at[3]) {
     return sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
 }
 
-/* Finds the slot of a cell, or else the free slot that the cell may take; NULL: all slots in reach hold other cells.
-   check: receives the cell's second hash, which its slot holds */
-static sbl__cell_slot *sbl__store_seek(const sbl__store *s, uint32_t patch, const uint32_t at[3], uint32_t *check) {
+/* Finds the bucket of a cell, or else the free bucket that the cell may take; NULL: all buckets in reach hold other
+   cells. check: receives the cell's second hash, which its bucket holds */
+static sbl__cell_bucket *sbl__store_seek(const sbl__store *s, uint32_t patch, const uint32_t at[3], uint32_t *check) {
     const uint32_t hash = sbl__cell_hash(patch, at);
     int i;
     *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
-    for (i = 0; i < SBL__SLOT_TRIES; i++) {
-        sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
-        if (slot->check == 0 || slot->check == *check) return slot;
+    for (i = 0; i < SBL__BUCKET_TRIES; i++) {
+        sbl__cell_bucket *bucket = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
+        if (bucket->check == 0 || bucket->check == *check) return bucket;
     }
     return NULL;
 }
 
-/* Returns a pointer to the reference in the slot of a position's cell. A cell without a slot gets one. NULL: all slots
-   in reach hold other cells. */
-static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
+/* Returns a pointer to the reference in the bucket of a position's cell. A cell without a bucket gets one. NULL: all
+   buckets in reach hold other cells. */
+static uint32_t *sbl__store_bucket(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], check;
-    sbl__cell_slot *slot;
-    sbl__cell_place(s, patch, position, at);
-    slot = sbl__store_seek(s, patch, at, &check);
-    if (slot) slot->check = check;
-    return slot ? &slot->reference : NULL;
+    sbl__cell_bucket *bucket;
+    sbl__cell_at(s, patch, position, at);
+    bucket = sbl__store_seek(s, patch, at, &check);
+    if (bucket) bucket->check = check;
+    return bucket ? &bucket->reference : NULL;
 }
 
 /* Returns the reference on the side of a cut where a position lies. */
@@ -7342,10 +7346,10 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_slot, but follows cuts, so that the reference is 1 + number of the leaf at the position, or 0.
+/* Like sbl__store_bucket, but follows cuts, so that the reference is 1 + number of the leaf at the position, or 0.
    *depth: receives the number of cuts followed. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
-    uint32_t *reference = sbl__store_slot(s, patch, position);
+    uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
         reference = sbl__cut_side(&s->cuts[*reference & ~SBL__CELL_CUT], position);
     return reference;
@@ -7357,13 +7361,13 @@ static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
 
-/* Returns the reference in the slot of the cell at a position, or 0 if the cell has no slot. */
+/* Returns the reference in the bucket of the cell at a position, or 0 if the cell has no bucket. */
 static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float position[3]) {
-    const sbl__cell_slot *slot;
+    const sbl__cell_bucket *bucket;
     uint32_t at[3], check;
-    sbl__cell_place(s, patch, position, at);
-    slot = sbl__store_seek(s, patch, at, &check);
-    return slot && slot->check == check ? slot->reference : 0;
+    sbl__cell_at(s, patch, position, at);
+    bucket = sbl__store_seek(s, patch, at, &check);
+    return bucket && bucket->check == check ? bucket->reference : 0;
 }
 
 /* Returns 1 + the number of the leaf that sbl_leaf_at finds at a position seen from afar, or 0 if there is none. */
@@ -7405,7 +7409,7 @@ typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int f
 typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* find vertices by their positions, and triangles' sides by their ends */
+    sbl__hash_table positions, ends;  /* find vertices by their positions, and triangles' sides by their ends */
     uint32_t *welded;              /* for each vertex, the first one of its mesh at its position */
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
@@ -7429,7 +7433,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     p->parents = (uint32_t *)sbl__alloc(base, triangles, sizeof *p->parents);
     p->patches = (sbl__patch *)sbl__alloc(base, triangles, sizeof *p->patches);
     if (!p->welded || !p->corners || !p->parents || !p->patches ||
-        sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(base, &p->positions, g->vertex_count) != SBL_SUCCESS ||
         sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < triangles; i++) p->parents[i] = i;
     return SBL_SUCCESS;
@@ -7440,8 +7444,8 @@ static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)-
 
 static sbl_result sbl__patch_weld(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
-    p->welded[at] = sbl__hash_table_first(&p->places, sbl__place_hash(p->geometry, (uint32_t)at), (uint32_t)at,
-                                          sbl__same_place, p->geometry);
+    p->welded[at] = sbl__hash_table_first(&p->positions, sbl__position_hash(p->geometry, (uint32_t)at), (uint32_t)at,
+                                          sbl__same_position, p->geometry);
     return SBL_SUCCESS;
 }
 
@@ -7610,8 +7614,8 @@ static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
 "// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
-"uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)\n",
-"uniform int cell_mask;     // number of slots in the hash table - 1\n",
+"uniform int first_cell;    // texel at which the hash table begins; each texel holds two buckets (check, reference)\n",
+"uniform int cell_mask;     // number of buckets in the hash table - 1\n",
 "uniform vec3 cell_origin;  // origin of the grid of cells\n",
 "uniform float per_cell;    // 1 / length of a cell of level 0\n",
 "uniform int bright_cells;  // number of cells with bright leaves (see >>glow in sbl.h); 0: there are no glows\n",
@@ -7639,12 +7643,12 @@ static const char *const sbl__glsl_store[] = {
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
-"        for (int i = 0; i < SBL_SLOT_TRIES; i++) {\n",
-"            int place = int(hash + uint(i)) & cell_mask;\n",
-"            uvec4 two = sbl_fetch(sbl_store, first_cell + (place >> 1));\n",
-"            uvec2 slot = (place & 1) == 0 ? two.xy : two.zw;\n",
-"            if (slot.x == check) reference = slot.y;\n",
-"            if (slot.x == check || slot.x == 0u) break;\n",
+"        for (int i = 0; i < SBL_BUCKET_TRIES; i++) {\n",
+"            int bucket = int(hash + uint(i)) & cell_mask;\n",
+"            uvec4 two = sbl_fetch(sbl_store, first_cell + (bucket >> 1));\n",
+"            uvec2 found = (bucket & 1) == 0 ? two.xy : two.zw;\n",
+"            if (found.x == check) reference = found.y;\n",
+"            if (found.x == check || found.x == 0u) break;\n",
 "        }\n",
 "        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_CUT; i++) {\n",
 "            int cut = int(reference & ~SBL_CELL_CUT);\n",
@@ -7972,29 +7976,29 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
-"vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
-"    ivec2 size = ivec2(place.yz);\n",
-"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
+"vec4 sbl_texel(uvec4 entry, ivec2 at) {\n",
+"    ivec2 size = ivec2(entry.yz);\n",
+"    if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
 "    at = clamp(at, ivec2(0), size - 1);  // also for far repeats: the quotient above may be rounded up\n",
-"    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
+"    bool srgb = (entry.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
 "    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
-"    ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));\n",
+"    ivec2 texel = ivec2(uint(index) % uint(width), entry.x + uint(index) / uint(width));\n",
 "    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
-"// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,\n",
+"// Reads a texture with bilinear filtering of linear values. entry: first row in the texel table, width, height,\n",
 "// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
-"vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
+"vec4 sbl_texture(uvec4 entry, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
-"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
-"    vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;\n",
+"    if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
+"    vec2 at = uv * vec2(entry.yz) - 0.5, corner = floor(at), f = at - corner;\n",
 "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
-"    vec4 sum = vec4(place.w == 0u ? 1 : 0);\n",
-"    for (int i = 0; i < (place.w == 0u ? 0 : 4); i++) {\n",
+"    vec4 sum = vec4(entry.w == 0u ? 1 : 0);\n",
+"    for (int i = 0; i < (entry.w == 0u ? 0 : 4); i++) {\n",
 "        ivec2 step = ivec2(i & 1, i >> 1);\n",
 "        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
-"        sum += weight.x * weight.y * sbl_texel(place, c + step);\n",
+"        sum += weight.x * weight.y * sbl_texel(entry, c + step);\n",
 "    }\n",
 "    return sum;\n",
 "#else\n",
@@ -8057,14 +8061,14 @@ static const char *const sbl__glsl_surface[] = {
 "// Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter\n",
 "// than 1 if these vectors differ.\n",
 "vec3 sbl_normal_texel(int object, vec2 uv) {\n",
-"    uvec4 place = sbl_object_normal_texture(object);\n",
-"    vec2 size = vec2(place.yz);\n",
+"    uvec4 entry = sbl_object_normal_texture(object);\n",
+"    vec2 size = vec2(entry.yz);\n",
 "    ivec2 points = ivec2(clamp(ceil(vec2(length(pixel_x * size), length(pixel_y * size))), vec2(1),\n",
 "                               vec2(SBL_NORMAL_POINTS)));\n",
 "    vec3 sum = vec3(0);\n",
 "    for (int i = 0; i < points.x * points.y; i++) {\n",
 "        vec2 at = (vec2(i % points.x, i / points.x) + 0.5) / vec2(points) - 0.5;\n",
-"        vec3 texel = 2.0 * sbl_texture(place, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;\n",
+"        vec3 texel = 2.0 * sbl_texture(entry, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;\n",
 "        texel.xy *= sbl_object_normal_scale(object);\n",
 "        sum += texel / max(length(texel), SBL_DIVISOR_LEAST);\n",
 "    }\n",
@@ -8201,7 +8205,7 @@ typedef struct sbl__glowing {
     sbl__device *device;
     sbl__scene *scene;
     int room;                        /* number of elements allocated for scene->bright.glows */
-    uint32_t place, patch;           /* current triangle's place in the hierarchy's order; patch word of its side */
+    uint32_t index, patch;           /* current triangle's index in the hierarchy's order; patch word of its side */
     const sbl__bright_cell *cell;    /* the current cell */
     double area;                     /* glows with a smaller area, in square world units, are dropped */
 } sbl__glowing;
@@ -8249,8 +8253,8 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     sbl__scene *s = w->scene;
     sbl__lights *l = &s->bright;
     const float *light = s->store.leaves[leaf].light;
-    const sbl__object *object = sbl__triangle_object(&s->geometry, s->hierarchy.order[w->place]);
-    const int back = ((w->patch ^ s->store.patches[s->hierarchy.order[w->place]]) & SBL__PATCH_BACK) != 0;
+    const sbl__object *object = sbl__triangle_object(&s->geometry, s->hierarchy.order[w->index]);
+    const int back = ((w->patch ^ s->store.patches[s->hierarchy.order[w->index]]) & SBL__PATCH_BACK) != 0;
     int i, k;
     if (!sbl__leaf_is_bright(light)) return SBL_SUCCESS;
     for (i = 1; i + 1 < p->count; i++) {
@@ -8267,7 +8271,7 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
             return SBL_ERROR_OUT_OF_MEMORY;
         glow = &l->glows[l->glow_count++];
         memset(glow, 0, sizeof *glow);
-        glow->triangle = w->place;
+        glow->triangle = w->index;
         glow->leaf = (uint32_t)leaf;
         for (k = 0; k < 3; k++) {
             glow->corner_0[k] = (float)a[k];
@@ -8338,7 +8342,7 @@ static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const 
 static sbl_result sbl__glow_cell(sbl__glowing *w, const sbl__bright_cell *cell) {
     const sbl__scene *s = w->scene;
     const sbl__geometry *g = &s->geometry;
-    const uint32_t number = s->hierarchy.order[w->place];
+    const uint32_t number = s->hierarchy.order[w->index];
     const int level = (int)(cell->patch / SBL__PATCH_LEVEL & 3u), shift = SBL__LEVEL_SHIFT * level;
     const int flat = cell->patch & SBL__PATCH_FLAT ? (int)(cell->patch >> SBL__PATCH_AXIS_SHIFT & 3u) : -1;
     const double length = (double)s->store.length;
@@ -8372,7 +8376,7 @@ static int sbl__glow_sides(void *work) {
     return 2 * w->scene->hierarchy.triangle_count;
 }
 
-/* Makes the glows of one side of a triangle. at: 2 * the triangle's place in the hierarchy's order; + 1: its back */
+/* Makes the glows of one side of a triangle. at: 2 * the triangle's index in the hierarchy's order; + 1: its back */
 static sbl_result sbl__glow_side(void *work, int at) {
     sbl__glowing *w = (sbl__glowing *)work;
     const sbl__store *s = &w->scene->store;
@@ -8380,7 +8384,7 @@ static sbl_result sbl__glow_side(void *work, int at) {
     sbl_result result = SBL_SUCCESS;
     int low = 0, high = s->bright_count;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
-    w->place = (uint32_t)(at / 2);
+    w->index = (uint32_t)(at / 2);
     w->patch = s->patches[number] ^ (at & 1 ? SBL__PATCH_BACK : 0);
     while (low < high) {  /* find the first cell of this side */
         const int middle = (low + high) / 2;
@@ -8599,7 +8603,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, up to the edges of first-level tiles
    or of the picture, so that windows fit together. Errors of pixels that the filter and anti-aliasing read count, too.
-   All sizes and places are x and y in working pixels. */
+   All sizes and positions are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: its first pixel in the whole picture, and its size */
@@ -9019,7 +9023,7 @@ typedef struct sbl__atlas {
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
     int row;                    /* next row to draw of the current triangle; 0: the triangle is not begun */
     uint32_t *parents;          /* per vertex: parent (see sbl__root), then number of its chart; NULL after drawing */
-    sbl__hash_table places;     /* vertices by position and lightmap coordinates */
+    sbl__hash_table positions;  /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
@@ -9033,7 +9037,7 @@ typedef struct sbl__atlas {
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->baked);
     sbl__free(base, a->parents);
-    sbl__hash_table_free(base, &a->places);
+    sbl__hash_table_free(base, &a->positions);
     sbl__free(base, a->texels);
     sbl__free(base, a->away);
     memset(a, 0, sizeof *a);
@@ -9065,7 +9069,7 @@ static sbl_result sbl__atlas_begin(sbl__atlas *a, const sbl__window *window, int
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
     a->away = (float *)sbl__alloc(base, texels, sizeof *a->away);
     if (!a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__hash_table_make(base, &a->places, g->vertex_count);
+    return sbl__hash_table_make(base, &a->positions, g->vertex_count);
 }
 
 static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
@@ -9080,7 +9084,7 @@ static const float *sbl__atlas_uv(const sbl__geometry *g, uint32_t vertex) {
 
 static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     const sbl__geometry *g = (const sbl__geometry *)geometry;
-    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
+    return sbl__same_position(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
 }
 
 /* Joins a vertex of a baked mesh with the mesh's first vertex that has its position and its lightmap coordinates. */
@@ -9091,8 +9095,8 @@ static sbl_result sbl__atlas_weld(void *work, int vertex) {
     uint32_t hash;
     a->parents[at] = at;
     if (!sbl__atlas_is_baked(a, at)) return SBL_SUCCESS;
-    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_uv(g, at), 2);
-    sbl__join(a->parents, at, sbl__hash_table_first(&a->places, hash, at, sbl__atlas_same, g));
+    hash = sbl__hash_floats(sbl__position_hash(g, at), sbl__atlas_uv(g, at), 2);
+    sbl__join(a->parents, at, sbl__hash_table_first(&a->positions, hash, at, sbl__atlas_same, g));
     return SBL_SUCCESS;
 }
 
@@ -9347,7 +9351,7 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
                  "lightmap: triangles overlap in %d texels; %d triangles lie partly outside", a->overlapping,
                  a->outside);
     sbl__free(a->base, a->parents);
-    sbl__hash_table_free(a->base, &a->places);
+    sbl__hash_table_free(a->base, &a->positions);
     a->parents = NULL;
     return sbl__atlas_tell_degenerate(a);
 }
@@ -9765,8 +9769,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
 "    vec3 sum = vec3(0);\n",
 "    for (int i = 0; i < points; i++) {\n",
-"        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
-"        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);\n",
+"        vec3 at = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
+"        vec3 light = sbl_stored(number, s.back, at, SBL_UNBOUNDED);\n",
 "        sum += light;\n",
 "        weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "    }\n",
@@ -10444,7 +10448,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy, >>refine traces
    scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again. A guide is a
    histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours found. Its
-   bins are rings about the normal, divided into sectors, all equally likely under the cosine distribution. Sensors near
+   bins are bands about the normal, divided into sectors, all equally likely under the cosine distribution. Sensors near
    the pixel choose directions by the guide, and divide a ray's light by the factor by which the guide made its bin more
    likely. The expected value stays the same, the noise falls (scene living-room: to a fifth of the variance).
 
@@ -10453,9 +10457,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
 
-#define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
+#define SBL__GUIDE_BINS (SBL__GUIDE_BANDS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* A guide chooses a ring, then a sector of it. In both choices, a part of the probability is even, as without a guide.
+/* A guide chooses a band, then a sector of it. In both choices, a part of the probability is even, as without a guide.
    This part is at least SBL__GUIDE_EVEN, so that light that no scout found is not missed. It grows if the share of lit
    bins is above SBL__GUIDE_DARK, and is 1 from SBL__GUIDE_LIT on, because a guide adds noise where light is uniform. */
 #define SBL__GUIDE_EVEN 0.2
@@ -10491,18 +10495,18 @@ static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
 
 /* Returns the index of the bin that contains a point of the unit square. */
 static int sbl__guide_bin(double x, double y) {
-    const int ring = (int)(x * SBL__GUIDE_RINGS), sector = (int)(y * SBL__GUIDE_SECTORS);
-    return SBL__MIN(ring, SBL__GUIDE_RINGS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
+    const int band = (int)(x * SBL__GUIDE_BANDS), sector = (int)(y * SBL__GUIDE_SECTORS);
+    return SBL__MIN(band, SBL__GUIDE_BANDS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
 }
 
 /* Returns the weighted mean of a bin and its neighbours, to reduce noise: few scouts fall into one bin. */
-static float sbl__guide_smooth(const float *found, int ring, int sector) {
+static float sbl__guide_smooth(const float *found, int band, int sector) {
     static const float weights[3] = { 0.2f, 0.6f, 0.2f };
     float sum = 0;
     int i, k;
     for (i = -1; i <= 1; i++)
         for (k = -1; k <= 1; k++) {
-            const int r = SBL__MIN(SBL__MAX(ring + i, 0), SBL__GUIDE_RINGS - 1);
+            const int r = SBL__MIN(SBL__MAX(band + i, 0), SBL__GUIDE_BANDS - 1);
             const int s = (sector + k + SBL__GUIDE_SECTORS) % SBL__GUIDE_SECTORS;
             sum += weights[i + 1] * weights[k + 1] * found[r * SBL__GUIDE_SECTORS + s];
         }
@@ -10542,22 +10546,22 @@ static double sbl__guide_even(const float *densities) {
 
 /* Makes a guide. found: per bin, the sum of the squared luminances that scouts found; words: receives the guide */
 static void sbl__guide_make(const float *found, uint32_t *words) {
-    float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
+    float bands[SBL__GUIDE_BANDS], densities[SBL__GUIDE_BINS];
     double even;
-    int ring, sector;
-    for (ring = 0; ring < SBL__GUIDE_RINGS; ring++) {
-        rings[ring] = 0;
+    int band, sector;
+    for (band = 0; band < SBL__GUIDE_BANDS; band++) {
+        bands[band] = 0;
         for (sector = 0; sector < SBL__GUIDE_SECTORS; sector++) {
-            float *density = &densities[ring * SBL__GUIDE_SECTORS + sector];
-            *density = (float)sqrt((double)sbl__guide_smooth(found, ring, sector));
-            rings[ring] += *density;
+            float *density = &densities[band * SBL__GUIDE_SECTORS + sector];
+            *density = (float)sqrt((double)sbl__guide_smooth(found, band, sector));
+            bands[band] += *density;
         }
     }
     even = sbl__guide_even(densities);
-    for (ring = 0; ring < SBL__GUIDE_RINGS; ring++)
-        sbl__guide_intervals(densities + ring * SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, even,
-                             words + (SBL__GUIDE_RINGS + ring * SBL__GUIDE_SECTORS) / 2);
-    sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
+    for (band = 0; band < SBL__GUIDE_BANDS; band++)
+        sbl__guide_intervals(densities + band * SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, even,
+                             words + (SBL__GUIDE_BANDS + band * SBL__GUIDE_SECTORS) / 2);
+    sbl__guide_intervals(bands, SBL__GUIDE_BANDS, even, words);
 }
 
 /* Returns where interval i of `count` begins, 0 to SBL__GUIDE_STEPS. i = count: where the last one ends */
@@ -10568,7 +10572,7 @@ static double sbl__guide_interval_begin(const uint32_t *words, int i, int count)
 /* Does the same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the
    guide, and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_warp(const uint32_t *words, double u[2]) {
-    static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
+    static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
     double weight = 1;
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -10581,7 +10585,7 @@ static double sbl__guide_warp(const uint32_t *words, double u[2]) {
         width = sbl__guide_interval_begin(words, i + 1, count) - begin;
         u[axis] = (i + (x - begin) / width) / count;
         weight *= SBL__GUIDE_STEPS / (width * count);
-        words += (SBL__GUIDE_RINGS + i * SBL__GUIDE_SECTORS) / 2;
+        words += (SBL__GUIDE_BANDS + i * SBL__GUIDE_SECTORS) / 2;
     }
     return weight;
 }
@@ -10591,9 +10595,9 @@ static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
 }
 
-/* Returns what the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats. */
-static float *sbl__guide_found(const sbl__guides *g, int place) {
-    return g->found + (size_t)place * SBL__GUIDE_BINS;
+/* Returns what the scouts of grid pixel number `pixel` found: SBL__GUIDE_BINS floats. */
+static float *sbl__guide_found(const sbl__guides *g, int pixel) {
+    return g->found + (size_t)pixel * SBL__GUIDE_BINS;
 }
 
 /* Returns the height of the guides' texture. Each row holds SBL__GUIDES_ACROSS guides. */
@@ -10770,7 +10774,7 @@ static const char *const sbl__glsl_carrier[] = {
 "\n",
 "#ifdef SBL_COMPUTE\n",
 "layout(local_size_x = SBL_WORKGROUP) in;\n",
-"#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name\n",
+"#define SBL_OUT(number, name) layout(rgba32f, binding = number) writeonly uniform image2D name\n",
 "#define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)\n",
 "#define sbl_leave return\n",
 "\n",
@@ -10780,7 +10784,7 @@ static const char *const sbl__glsl_carrier[] = {
 "    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
 "}\n",
 "#else\n",
-"#define SBL_OUT(place, name) layout(location = place) out vec4 name\n",
+"#define SBL_OUT(number, name) layout(location = number) out vec4 name\n",
 "#define sbl_write(name, value) name = value\n",
 "#define sbl_leave discard\n",
 "\n",
@@ -11401,8 +11405,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
 "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);\n",
 "        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;\n",
-"        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
-"        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;\n",
+"        ivec2 at = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
+"        float shown = texelFetch(view_texture, at, 0).a, seen = abs(shown) * extent;\n",
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
@@ -12048,19 +12052,19 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float radiance_scale;\n",
-"out vec3 place;                             // x, y and w of gl_Position\n",
+"out vec3 clip;                              // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
 "flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
-"out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space\n",
+"out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface, world space\n",
 "\n",
 "void main() {\n",
 "    int number = int(object);\n",
 "#ifdef SBL_BOUNCED\n",
 "    fragment_way = position - view_eye;\n",
-"    fragment_place = position;\n",
+"    fragment_position = position;\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
 "    fragment_uv = vertex_uv;\n",
@@ -12075,7 +12079,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
 "    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);\n",
-"    place = gl_Position.xyw;\n",
+"    clip = gl_Position.xyw;\n",
 "    gl_ClipDistance[0] = w + x;\n",
 "    gl_ClipDistance[1] = w - x;\n",
 "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
@@ -12090,7 +12094,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
 "layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);\n",
 "                                             // distance along the view's axis in scene extents, < 0: back face\n",
-"in vec3 place;                               // x, y and w of the position in clip space\n",
+"in vec3 clip;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
 "uniform float radiance_scale;\n",
 "uniform int first_triangle;                  // number of the first triangle of the draw call\n",
@@ -12098,18 +12102,18 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"in vec3 fragment_way, fragment_place;\n",
+"in vec3 fragment_way, fragment_position;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * place.z for rounding\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, texels\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z for rounding\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
 "bool sbl_seen_here() {\n",
 "    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
-"    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;\n",
-"    return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;\n",
+"    vec2 beside = abs(clip.xy - at * clip.z) * 0.5 * view_texture_size;\n",
+"    return clip.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * clip.z + SBL_BESIDE_ROUNDING;\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -12127,9 +12131,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
 "    int number = first_triangle + gl_PrimitiveID;\n",
-"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
 "    vec3 light = sbl_light_of(leaf);\n",
-"    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
 "    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
@@ -12440,8 +12444,8 @@ static double sbl__trace_layer_bytes(int rays) {
 
 /* >>glsl guide: shaders_embedded/guide.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_guide[] = {
-"// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS\n",
-"// intervals, one per ring of the hemisphere, and for each ring into SBL_GUIDE_SECTORS intervals, one per sector.\n",
+"// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_BANDS\n",
+"// intervals, one per band of the hemisphere, and for each band into SBL_GUIDE_SECTORS intervals, one per sector.\n",
 "// It stores the beginning of each interval as a 16-bit number, eight of them per texel.\n",
 "#ifdef SBL_GUIDED\n",
 "uniform usampler2D sbl_guides;\n",
@@ -12466,15 +12470,15 @@ static const char *const sbl__glsl_guide[] = {
 "// Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its\n",
 "// ray: the inverse of the point's density, so that the expected value of the ray's light does not change.\n",
 "float sbl_guide(int guide, inout vec2 u) {\n",
-"    const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
-"    const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);\n",
+"    const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
+"    const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);\n",
 "    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
 "    vec2 x = u * SBL_GUIDE_STEPS;\n",
-"    vec3 ring = sbl_guide_interval(from, ring_texels, x.x);\n",
-"    from.x += ring_texels + int(ring.z) * sector_texels;\n",
+"    vec3 band = sbl_guide_interval(from, band_texels, x.x);\n",
+"    from.x += band_texels + int(band.z) * sector_texels;\n",
 "    vec3 sector = sbl_guide_interval(from, sector_texels, x.y);\n",
-"    vec2 begins = vec2(ring.x, sector.x), widths = vec2(ring.y, sector.y) - begins;\n",
-"    u = (vec2(ring.z, sector.z) + (x - begins) / widths) / counts;\n",
+"    vec2 begins = vec2(band.x, sector.x), widths = vec2(band.y, sector.y) - begins;\n",
+"    u = (vec2(band.z, sector.z) + (x - begins) / widths) / counts;\n",
 "    return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));\n",
 "}\n",
 "#endif\n",
@@ -12650,7 +12654,7 @@ static const char *const sbl__glsl_trace[] = {
 "// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only\n",
 "// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;\n",
 "// later segments find it.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
 "    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
@@ -12673,7 +12677,7 @@ static const char *const sbl__glsl_trace[] = {
 "    bool reads_store = !goes_on || bright_cells > 0;\n",
 "#endif\n",
 "    if (reads_store) {\n",
-"        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
+"        int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
 "        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
 "#ifdef SBL_SPECULAR\n",
@@ -12681,7 +12685,7 @@ static const char *const sbl__glsl_trace[] = {
 "        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
-"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
+"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
 "        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,\n",
 "                       (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
 "        radiance += sbl_reflected(material, light);\n",
@@ -12797,11 +12801,11 @@ static const char *const sbl__glsl_trace[] = {
 "            lamp_met = 0.0;\n",
 "            if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));\n",
 "#endif\n",
-"            vec3 place = from + direction * hit.distance;\n",
+"            vec3 position = from + direction * hit.distance;\n",
 "#ifdef SBL_GROUPS\n",
 "            carried = share;\n",
 "#endif\n",
-"            sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);\n",
+"            sum.rgb += share * sbl_radiance(hit, position, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);\n",
 "            if (turn == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
@@ -13728,15 +13732,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
 #define SBL__FILL_BLACK 0.25       /* largest fill by leaves on black surfaces if sbl__bounce.black is BLACK_JOINED */
-#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a place, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a place, the cells' area is multiplied by at most this */
+#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth, or the reflecting
                                       share of the area if less; widest cells are then as wide as level 0 at growth 1 */
 #define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
 #define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell hit a larger share of the points, cells shrink
                                       even if smaller cells did not double the number of leaves that rays hit */
-#define SBL__BOUNCE_POOL 16.0      /* cells do not become larger once sbl__patching.pool has reached this; places for
+#define SBL__BOUNCE_POOL 16.0      /* cells do not become larger once sbl__patching.pool has reached this; hits for
                                       which no leaf is left then stay dark */
 #define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number, on average, of positions of surface samples on the area of a
                                       cell of the level sbl__store.unseen_level, except on black surfaces */
@@ -13791,7 +13795,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
 #define SBL__BOUNCE_LIT 0.7f       /* approximate share of the time of filling until the light of lamps is measured at
                                       all points; rounds of division take the rest */
-#define SBL__AIR_SITES 54          /* six sites at each of nine places */
+#define SBL__AIR_SITES 54          /* six sites at each of nine positions */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
@@ -13808,14 +13812,14 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
+   shortest of its rays that hit a surface, or SBL__UNSEEN. side: triangle << 1 | back; SBL__NOWHERE: the ray hit
    nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE. It is valid after sbl__bounce_link, and before
    that only if `firm` is 1. albedo: share of light that the surface reflects, see sbl__share_pack. by_metal: 1: the ray
    has met metal before. firm: 1: the hit belongs to `leaf` until a cut takes a part of this leaf; only hits of points'
    rays are firm */
 typedef struct sbl__hit {
     float position[3], distance;
-    uint32_t place, leaf;
+    uint32_t side, leaf;
     uint16_t albedo[3];
     uint8_t by_metal, firm;
 } sbl__hit;
@@ -13887,26 +13891,26 @@ typedef struct sbl__bounce {
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
-    sbl__hits samples;               /* surface samples: places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points. Its list points into that of samples, hits or
+    sbl__hits samples;               /* surface samples, spread over all surfaces */
+    sbl__hits queue;                 /* hits that may become points. Its list points into that of samples, hits or
                                         released */
-    sbl__hits waiting;               /* places from the queue, in leaves that contact rays have yet to cut */
-    sbl__hits released;              /* places that waited for the last cuts; the queue points to them */
+    sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
+    sbl__hits released;              /* hits that waited for the last cuts; the queue points to them */
     sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
     int cut_leaves;                  /* number of leaves, from 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
-    /* a cache: place of the last ray from a surface, and what sbl__place_normal has computed there */
-    struct { uint32_t place; float normal[3], offset; } origin;
-    sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
+    /* a cache: side of the last ray from a surface, and what sbl__side_offset has computed there */
+    struct { uint32_t side; float normal[3], offset; } origin;
+    sbl__site *sites;                /* the job's sites: points; in the last job, positions in the air */
     sbl_reading *readings;
     int site_count;                  /* number of points in `sites`; not used by the last job */
     struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
     int changed;                     /* number of leaves that the round of division has divided or that lack points */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat
-                                                   surface) that have cut their cells; a slot keeps the latest */
+                                                   surface) that have cut their cells; a bucket keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
-                                        place waits any more, so all of `hits` must be queued again */
+                                        hit waits any more, so all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
     sbl__bounce_read *reads;         /* what rays read, leaf by leaf; made again if a leaf or point changes its state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
@@ -13923,7 +13927,7 @@ typedef struct sbl__bounce {
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* least factor by which the cells' area must grow because no leaves are left. 0:
-                                        the area need not grow, or it can grow no more and places without a leaf are
+                                        the area need not grow, or it can grow no more and hits without a leaf are
                                         dropped. */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
@@ -13931,7 +13935,7 @@ typedef struct sbl__bounce {
     int black_leaves;                /* number of leaves on black surfaces */
     int sample_small;                /* 1: small triangles get surface samples, too. It is set when few leaves reflect
                                         light, since the light may be in a small room of a large scene. */
-    int samples_placed;              /* 1: the surface samples have been queued as places for points */
+    int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
     int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     sbl__table casts;
     sbl__blocks blocks;
@@ -13945,9 +13949,9 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution; -limit is its maximum length.\n",
-"// out_place: xyz: position of the hit, far away if nothing was hit; w: 1 + triangle's number % SBL_CAST_NUMBERS,\n",
+"// out_position: xyz: position of the hit, far away if none; w: 1 + triangle's number % SBL_CAST_NUMBERS,\n",
 "// negative for its back side; 0 if nothing was hit or the driver ended a loop early\n",
-"SBL_OUT(0, out_place);\n",
+"SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
 "SBL_OUT(1, out_albedo);\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
@@ -13997,7 +14001,7 @@ static const char *const sbl__glsl_cast[] = {
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
 "    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);\n",
 "    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
-"    vec3 share = sbl_tint, place = origin + direction * hit.distance;\n",
+"    vec3 share = sbl_tint, position = origin + direction * hit.distance;\n",
 "    float low = 0.0, high = 0.0;\n",
 "#ifdef SBL_BOUNCED\n",
 "    vec4 shine = vec4(0);\n",
@@ -14009,8 +14013,8 @@ static const char *const sbl__glsl_cast[] = {
 "    }\n",
 "    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
 "        shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);\n",
-"        // A ray that hits nothing has found its sky: out_place is not far away, so that none is added.\n",
-"        place = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);\n",
+"        // A ray that hits nothing has found its sky: out_position is not far away, so that none is added.\n",
+"        position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);\n",
 "    }\n",
 "    sbl_write(out_shine, shine);\n",
 "#ifdef SBL_GROUPS\n",
@@ -14024,7 +14028,7 @@ static const char *const sbl__glsl_cast[] = {
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }\n",
-"    sbl_write(out_place, vec4(place, low));\n",
+"    sbl_write(out_position, vec4(position, low));\n",
 "    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
 0 };
@@ -14095,17 +14099,17 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
 }
 
 /* Decodes the output of cast.glsl. shine: NULL in scenes without metal */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], const float *shine,
+static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *shine,
                            sbl__hit *out) {
-    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
+    const double low = fabs((double)position[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
     int k;
     memset(out, 0, sizeof *out);
-    memcpy(out->position, place, sizeof out->position);
-    for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
+    memcpy(out->position, position, sizeof out->position);
+    for (k = 0; k < 3; k++) length2 += ((double)position[k] - ray->origin[k]) * ((double)position[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->leaf = SBL__NOWHERE;
-    out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
+    out->side = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (position[3] < 0);
     sbl__share_pack(albedo, out->albedo);
     out->by_metal = shine && shine[3] > 0;
 }
@@ -14171,29 +14175,29 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* >>bounce: places that may become points */
+/* >>bounce: hits that may become points */
 
-/* Returns the patch word of a place: the triangle's word, with SBL__PATCH_BACK inverted on the back side and
-   SBL__PATCH_NEAR set if a short ray hit the place. */
-static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
-    const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
+/* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side and
+   SBL__PATCH_NEAR set if a short ray found it. */
+static uint32_t sbl__hit_patch(const sbl__store *s, const sbl__hit *at) {
+    const uint32_t patch = s->patches[at->side >> 1] ^ (at->side & 1 ? SBL__PATCH_BACK : 0);
     return patch | (sbl__is_near(s, at->distance) ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the patch word of a place with the level of the first cell that it may belong to. */
-static uint32_t sbl__place_word(const sbl__store *s, const sbl__hit *at) {
+/* Returns the patch word of a hit with the level of the first cell that it may belong to. */
+static uint32_t sbl__hit_word(const sbl__store *s, const sbl__hit *at) {
     const int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level;
-    return sbl__place_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
+    return sbl__hit_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
 }
 
-/* Returns a pointer to the reference to the leaf of a place; the reference is 0 if there is no leaf yet; NULL: no slot
+/* Returns a pointer to the reference to the leaf of a hit; the reference is 0 if there is no leaf yet; NULL: no bucket
    is left. If the cell has no leaf and leaves are becoming scarce, a wider cell is used; once a round of division
    has begun, only if the cell has no cuts. Places with the distance SBL__UNSEEN begin with cells of level unseen_level.
    patch: NULL, or receives the patch word with the level of the cell */
-static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
+static uint32_t *sbl__hit_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     const sbl__store *s = b->store;
-    uint32_t *reference = NULL, word = sbl__place_word(s, at);
+    uint32_t *reference = NULL, word = sbl__hit_word(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
     double fill;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
@@ -14205,26 +14209,26 @@ static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint3
     return reference;
 }
 
-/* Computes the normal of a place's triangle, on the place's side. */
-static void sbl__place_side(const sbl__geometry *g, uint32_t place, float normal[3]) {
+/* Computes the normal on a side of a triangle, see sbl__hit. */
+static void sbl__side_normal(const sbl__geometry *g, uint32_t side, float normal[3]) {
     double n[3];
     int k;
-    sbl__scene_normal(g, place >> 1, n);
-    for (k = 0; k < 3; k++) normal[k] = (float)(place & 1 ? -n[k] : n[k]);
+    sbl__scene_normal(g, side >> 1, n);
+    for (k = 0; k < 3; k++) normal[k] = (float)(side & 1 ? -n[k] : n[k]);
 }
 
-/* Computes the normal as sbl__place_side does. Returns the distance from the surface at which rays from the place
-   start. */
-static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
+/* Computes the normal as sbl__side_normal does. Returns the distance from the surface at which rays from
+   that side start. */
+static float sbl__side_offset(const sbl__geometry *g, uint32_t side, float normal[3]) {
     const float *p[3];
     double longest = 0, away = 0;
     int i, k;
-    sbl__scene_triangle(g, place >> 1, p);
-    sbl__place_side(g, place, normal);
+    sbl__scene_triangle(g, side >> 1, p);
+    sbl__side_normal(g, side, normal);
     for (i = 0; i < 3; i++) {
-        double side = 0;
-        for (k = 0; k < 3; k++) side += ((double)p[i][k] - p[(i + 1) % 3][k]) * ((double)p[i][k] - p[(i + 1) % 3][k]);
-        longest = SBL__MAX(longest, side);
+        double edge = 0;
+        for (k = 0; k < 3; k++) edge += ((double)p[i][k] - p[(i + 1) % 3][k]) * ((double)p[i][k] - p[(i + 1) % 3][k]);
+        longest = SBL__MAX(longest, edge);
     }
     for (k = 0; k < 3; k++) away += (double)p[0][k] * p[0][k];
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
@@ -14239,7 +14243,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__free(base, *words);
     *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
-    b->origin.place = SBL__NOWHERE;
+    b->origin.side = SBL__NOWHERE;
     if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -14263,7 +14267,7 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
     while (room < 2 * s->max_leaves) room *= 2;
     sbl__free(base, s->cells);
-    s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
+    s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
     s->cell_room = s->cells ? room : 0;
     s->leaf_count = s->cut_count = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -14290,7 +14294,7 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
     for (k = 0; k < 3; k++)
         sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
     for (k = 0; k < 2 && ok; k++) {
-        sample.place = triangle << 1 | (uint32_t)k;
+        sample.side = triangle << 1 | (uint32_t)k;
         ok = sbl__hits_add(b, &b->samples, &sample);
     }
     return ok;
@@ -14320,10 +14324,10 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Adds a point at a place, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
+/* Adds a point at a hit, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
-    const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
+    const float *corner = sbl__triangle_corner(b->geometry, at->side >> 1, 0);
     const size_t row = 6 * sizeof(float) * (size_t)b->core->scene.light_groups;
     double normal[3], off = 0;
     int k;
@@ -14338,7 +14342,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
         if (!sbl__grow(&b->core->base, &b->layers, &b->layer_room, b->point_count, row)) return 0;
         memset(sbl__point_layers(b, b->point_count - 1, 0), 0, row);
     }
-    sbl__scene_normal(b->geometry, at->place >> 1, normal);
+    sbl__scene_normal(b->geometry, at->side >> 1, normal);
     for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
     return 1;
@@ -14359,7 +14363,7 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     return 1;
 }
 
-/* Returns the number of queued places, or 0 if needed_growth is set, which ends the stage PLACE. */
+/* Returns the number of queued hits, or 0 if needed_growth is set, which ends the stage PLACE. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->needed_growth > 0 ? 0 : b->queue.count;
@@ -14371,8 +14375,8 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
-/* Returns the number of points that a leaf gets: a queued place becomes a point only if its leaf has fewer. */
-static int sbl__place_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
+/* Returns the number of points that a leaf gets: a queued hit becomes a point only if its leaf has fewer. */
+static int sbl__points_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
     return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
 }
 
@@ -14381,24 +14385,24 @@ static int sbl__place_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
 static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int number) {
     const int leaf = (int)hit->leaf;
     return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
-           b->states[leaf].points >= sbl__place_most(b, hit, leaf);
+           b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Makes a point of a queued place if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
-   to cut, the place waits. Does nothing if black surfaces have as many leaves as they may and the place is on one. If
-   there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the place. */
+/* Makes a point of a queued hit if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
+   to cut, the hit waits. Does nothing if black surfaces have as many leaves as they may and the hit is on one. If
+   there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the hit. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     uint32_t *reference, word;
     int leaf, added, ok = 1;
-    if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    if (at->side == SBL__NOWHERE) return SBL_SUCCESS;
     if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
     at->firm = 0;
-    if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->place >> 1))
+    if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->side >> 1))
         return SBL_SUCCESS;
-    reference = sbl__place_find(b, at, &word);
+    reference = sbl__hit_find(b, at, &word);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
@@ -14406,16 +14410,16 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     }
     added = *reference == 0;
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
-    b->black_leaves += added && sbl__triangle_is_black(b->geometry, at->place >> 1);
+    b->black_leaves += added && sbl__triangle_is_black(b->geometry, at->side >> 1);
     leaf = (int)*reference - 1;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < sbl__place_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
-    at->firm = word == sbl__place_word(s, at);  /* a leaf of a wider level may later be replaced by one of this level */
+    at->firm = word == sbl__hit_word(s, at);  /* a leaf of a wider level may later be replaced by one of this level */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes a list of places, which is not copied, the queue. Returns the stage that makes points of them. */
+/* Makes a list of hits, which is not copied, the queue. Returns the stage that makes points of them. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -14450,8 +14454,8 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
     int i, nearby = 0, seen = 0, hits = 0;
     for (i = 0; i < b->point_count * SBL__BOUNCE_RAYS; i++) {
-        const uint32_t place = b->hits.list[i].place;
-        hits += place != SBL__NOWHERE && !sbl__triangle_is_black(b->geometry, place >> 1);
+        const uint32_t side = b->hits.list[i].side;
+        hits += side != SBL__NOWHERE && !sbl__triangle_is_black(b->geometry, side >> 1);
     }
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
@@ -14499,7 +14503,7 @@ static int sbl__bounce_after_place(void *work) {
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* The first leaves are too many already: their rays would hit places that need still more leaves. */
+        /* The first leaves are too many already: their hits would need still more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -14521,15 +14525,15 @@ static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) 
     const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     const double turn = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
-    const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
+    const float offset = sbl__side_offset(b->geometry, at->side, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
     float length;
     int k;
-    sbl__place_find(b, at, &patch);
+    sbl__hit_find(b, at, &patch);
     length = sbl__cell_length(s, patch);
     sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * turn, right, up);
-    sbl__cell_place(s, patch, at->position, cube);
+    sbl__cell_at(s, patch, at->position, cube);
     out->limit = FLT_MAX;
     for (k = 0; k < 3; k++) {
         const float x = at->position[k] - s->origin[k] - length * (float)cube[k], d = (float)right[k];
@@ -14567,7 +14571,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
-    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->place >> 1];
+    const uint32_t patch = sbl__hit_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->side >> 1];
     const double length = (double)s->length;
     const int flat = (other & SBL__PATCH_FLAT) != 0;
     const sbl__box *own;
@@ -14578,9 +14582,9 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
     if (flat) others = patches[other >> SBL__PATCH_SHIFT].bounds;
-    else sbl__box_of_triangle(&others, g, hit->place >> 1);
-    slack = SBL__CONTACT_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
-    sbl__place_normal(g, hit->place, line->normal);
+    else sbl__box_of_triangle(&others, g, hit->side >> 1);
+    slack = SBL__CONTACT_APART * length + 4 * (double)sbl__side_offset(g, at->side, normal);
+    sbl__side_offset(g, hit->side, line->normal);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
@@ -14598,8 +14602,8 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
         line->from[k] = hit->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, hit->place >> 1, 0));
-    line->object = flat ? other | 1u : hit->place & ~1u;
+    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, hit->side >> 1, 0));
+    line->object = flat ? other | 1u : hit->side & ~1u;
     line->patch = patch;
     return 1;
 }
@@ -14665,7 +14669,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
         float middle[3];
         range[1] = SBL__MIN(next[axis], 1.0);
         sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
-        reference = sbl__store_slot(s, line->patch, middle);
+        reference = sbl__store_bucket(s, line->patch, middle);
         if (reference) result = sbl__contact_part(b, line, reference, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
@@ -14698,12 +14702,12 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth, smooth;
-    sbl__place_find(b, at, &patch);
-    sbl__place_normal(b->geometry, at->place, own);
-    sbl__place_normal(b->geometry, hit->place, normal);
+    sbl__hit_find(b, at, &patch);
+    sbl__side_offset(b->geometry, at->side, own);
+    sbl__side_offset(b->geometry, hit->side, normal);
     distance = sbl__dot(normal, hit->position);
     apart = sbl__dot(normal, at->position) - distance;
-    smooth = s->patches[hit->place >> 1] >> SBL__PATCH_SHIFT == patch >> SBL__PATCH_SHIFT;
+    smooth = s->patches[hit->side >> 1] >> SBL__PATCH_SHIFT == patch >> SBL__PATCH_SHIFT;
     if (fabs((double)sbl__dot(normal, own)) > (smooth ? SBL__CONTACT_STEEP : SBL__CONTACT_SLANT)) return SBL_SUCCESS;
     if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
@@ -14726,7 +14730,7 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (hits[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
+        if (hits[i].side != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
     return result;
 }
 
@@ -14747,14 +14751,14 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a ray that leaves a place in a cosine-distributed direction. number: index of the pair of b->sequence that,
+/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that,
    scrambled with a hash of `seed`, chooses the direction */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
-    if (b->origin.place != at->place) {
-        b->origin.place = at->place;
-        b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
+    if (b->origin.side != at->side) {
+        b->origin.side = at->side;
+        b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
@@ -14781,7 +14785,7 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     for (i = 0; i < rays; i++) {
         sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
         if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
-        if (b->hits.list[i].place == SBL__NOWHERE) continue;
+        if (b->hits.list[i].side == SBL__NOWHERE) continue;
         sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
     }
     sbl__bounce_queue(b, b->hits.list, rays);
@@ -14818,7 +14822,7 @@ static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store-
 static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
-    uint32_t *reference = sbl__place_find(b, &p->at, NULL);
+    uint32_t *reference = sbl__hit_find(b, &p->at, NULL);
     if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
     return SBL_SUCCESS;
@@ -14859,9 +14863,9 @@ static sbl_result sbl__bounce_link(void *work, int at) {
         const uint32_t *reference;
         uint32_t word;
         if (hit->firm && !b->states[hit->leaf].cut) continue;
-        reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, &word);
+        reference = hit->side == SBL__NOWHERE ? NULL : sbl__hit_find(b, hit, &word);
         hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-        hit->firm = hit->leaf != SBL__NOWHERE && word == sbl__place_word(b->store, hit);
+        hit->firm = hit->leaf != SBL__NOWHERE && word == sbl__hit_word(b->store, hit);
     }
     return SBL_SUCCESS;
 }
@@ -14919,7 +14923,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     site = &b->sites[b->site_count++];
     memset(site, 0, sizeof *site);
     memcpy(site->position, hit->position, sizeof site->position);
-    site->offset = sbl__place_normal(b->geometry, hit->place, site->normal);
+    site->offset = sbl__side_offset(b->geometry, hit->side, site->normal);
     memcpy(site->geometric_normal, site->normal, sizeof site->normal);
     site->number = (uint32_t)at;
     site->looks = 1;
@@ -15034,7 +15038,7 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     uint32_t patch, reference;
     float share = 1;
     if (!b->states[leaf].points) return share;
-    sbl__place_find(b, first, &patch);
+    sbl__hit_find(b, first, &patch);
     for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
         sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
         if (cut->divides) share *= 0.5f;
@@ -15310,10 +15314,10 @@ static int sbl__bounce_grouped_leaves(void *work) {
    bright by chance, further points would lower their light, and leaves dark by chance would stay as they are. */
 
 /* Sums over the rays that hit a leaf. Each ray counts with the sbl__point_weight of its point. hits: number of rays;
-   weight: sum of the squares of the shares of light that the leaf reflects; places, squares: per axis, sum of the
+   weight: sum of the squares of the shares of light that the leaf reflects; offsets, squares: per axis, sum of the
    positions relative to the leaf's first point, and sum of their squares; score: weight times the variance of the light
    in the leaf's region, relative to the mean square of all light */
-typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
+typedef struct sbl__spread { double hits, weight, offsets[3], squares[3], score; } sbl__spread;
 
 /* Sums over the points of a region. Each point counts with its sbl__point_weight. points: number of points; light: sum
    of the luminance of R; squares: sum of its square */
@@ -15321,7 +15325,7 @@ typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
-    sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
+    sbl__region *regions;            /* one per bucket of the hash grid; regions that share a bucket count as one */
     sbl__region all;                 /* sums over the points of all regions */
     double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
@@ -15367,7 +15371,7 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
         to->weight += w * share * share;
         for (k = 0; k < 3; k++) {
             const double x = (double)hits[j].position[k] - b->points[b->states[hits[j].leaf].first].at.position[k];
-            to->places[k] += w * x;
+            to->offsets[k] += w * x;
             to->squares[k] += w * x * x;
         }
     }
@@ -15376,12 +15380,12 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
 
 /* Returns the region of a leaf, which is that of its first point. */
 static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
-    const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const uint32_t side = sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR;
+    const sbl__hit *hit = &b->points[b->states[leaf].first].at;
+    const uint32_t side = sbl__hit_patch(b->store, hit) & ~SBL__PATCH_NEAR;
     const uint32_t patch = side + SBL__DIVIDE_REGION * SBL__PATCH_LEVEL;
-    uint32_t place[3];
-    sbl__cell_place(b->store, patch, at->position, place);
-    return &b->division->regions[sbl__cell_hash(patch, place) & (uint32_t)(b->store->cell_room - 1)];
+    uint32_t at[3];
+    sbl__cell_at(b->store, patch, hit->position, at);
+    return &b->division->regions[sbl__cell_hash(patch, at) & (uint32_t)(b->store->cell_room - 1)];
 }
 
 static void sbl__region_add(sbl__region *r, double light, double weight) {
@@ -15470,13 +15474,13 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     b->changed += state->points < state->most && state->most > SBL__BOUNCE_POINTS;
     if (sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) {
-        const double mean = spread->places[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
+        const double mean = spread->offsets[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
         if (!(width > widest)) continue;
         widest = width;
         middle = mean;
         axis = k;
     }
-    sbl__place_find(b, first, &patch);
+    sbl__hit_find(b, first, &patch);
     reference = sbl__store_find(s, patch, first->position, &depth);
     if (axis < 0 || !reference || *reference != (uint32_t)at + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     normal[axis] = 1;
@@ -15534,8 +15538,8 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
    not needed any more. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit it, float 1 is the
-   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. Rays that have
-   met metal do not count there. Metal is thus no glow: its light depends on the direction, and `shine` holds it. */
+   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. Rays that
+   have met metal do not count there. Metal is thus no glow: its light depends on the direction and is in `shine`. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -15570,13 +15574,13 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
 /* Finds the cell that contains a leaf's first point. */
 static void sbl__cell_of_leaf(const sbl__bounce *b, int leaf, sbl__bright_cell *out) {
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
-    sbl__place_find(b, first, &out->patch);
-    sbl__cell_place(b->store, out->patch, first->position, out->at);
+    sbl__hit_find(b, first, &out->patch);
+    sbl__cell_at(b->store, out->patch, first->position, out->at);
 }
 
 /* Drops the candidates whose cells fill much of the view of the points that see them. All candidates of a cell remain
-   or none, because leaves of divided cells are small and seen by few rays. views: zeros, one per slot of the hash grid.
-   Returns how many candidates remain. */
+   or none, because leaves of divided cells are small and seen by few rays. views: zeros, one per bucket of the hash
+   grid. Returns how many candidates remain. */
 static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count, sbl__bright_view *views) {
     const sbl__store *s = b->store;
     int i, j, kept = 0;
@@ -15594,10 +15598,10 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
             crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++) {
-            const float slot = hits[j].leaf != SBL__NOWHERE ? b->direct[3 * hits[j].leaf + 2] : -1;
-            if (!(slot >= 0)) continue;
-            views[(int)slot].crowd += weight * crowd;
-            views[(int)slot].hits += weight;
+            const float bucket = hits[j].leaf != SBL__NOWHERE ? b->direct[3 * hits[j].leaf + 2] : -1;
+            if (!(bucket >= 0)) continue;
+            views[(int)bucket].crowd += weight * crowd;
+            views[(int)bucket].hits += weight;
         }
     }
     for (i = 0; i < count; i++) {
@@ -15627,7 +15631,7 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
 static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
-    return (int)sbl__store_from_afar(b->store, sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
+    return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
 }
 
 /* Marks a leaf as bright by a negative red, and adds its cell to the store's list. */
@@ -15775,7 +15779,7 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
-    sbl__place_side(b->geometry, hit->place, other);
+    sbl__side_normal(b->geometry, hit->side, other);
     for (k = 0; k < 3; k++) {
         const double step = (double)(hit->position[k] - at->position[k]) / (double)hit->distance;
         cosines[0] += step * (double)normal[k];
@@ -15805,7 +15809,7 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
         const sbl__bounce_point *point = &b->points[i];
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
         float normal[3];
-        sbl__place_side(b->geometry, point->at.place, normal);
+        sbl__side_normal(b->geometry, point->at.side, normal);
         for (j = 0; j < (point->valid ? SBL__BOUNCE_RAYS : 0); j++)
             smoothed2 += sbl__bounce_smoothed2(b, &point->at, normal, &hits[j]);
     }
@@ -15838,9 +15842,9 @@ static int sbl__bounce_after_send(void *work) {
     memset(b->sites, 0, SBL__AIR_SITES * sizeof *b->sites);
     for (i = 0; i < SBL__AIR_SITES; i++) {
         sbl__site *site = &b->sites[i];
-        const int place = i / 6, axis = i % 6 / 2;
+        const int corner = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
-            const double t = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
+            const double t = corner == 8 ? 0.5 : corner >> k & 1 ? 0.75 : 0.25;
             site->position[k] = (float)((1 - t) * scene->draw_bounds[0][k] + t * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
@@ -15868,7 +15872,7 @@ static int sbl__bounce_after_air(void *work) {
 /* Frees and clears the fields from `patching` on. Keeps points, states and hits for later changes of lights. */
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
-    void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
+    void *const blocks[] = { p->positions.buckets, p->ends.buckets, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
                              b->direct, b->solved, b->direct_layers };
     int i;
@@ -16019,7 +16023,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
                                           the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
+#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets and of cuts in a stream; leaves: half of it */
 
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
 enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
@@ -16215,7 +16219,7 @@ static const char *sbl__saved_end(sbl__saved_stream *stream) {
 static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *header) {
     uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
                     sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
-                    (uint64_t)header->cells * sizeof(sbl__cell_slot) + (uint64_t)header->cuts * sizeof(sbl__cut) +
+                    (uint64_t)header->cells * sizeof(sbl__cell_bucket) + (uint64_t)header->cuts * sizeof(sbl__cut) +
                     (uint64_t)header->leaves * (sizeof(sbl__leaf) + 12 * (uint64_t)stream->groups) +
                     (uint64_t)header->bright * sizeof(sbl__bright_cell);
     uint32_t block[1024];
@@ -16241,7 +16245,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     if (fault->why[0]) why = sbl__saved_skip(&stream, &header);
     else {
         s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
-        s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
+        s->cells = (sbl__cell_bucket *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
         s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
         s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
         s->bright = (sbl__bright_cell *)sbl__alloc(d->base, (size_t)header.bright, sizeof *s->bright);
@@ -16762,13 +16766,13 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Computes how far pixel (x, y) is from a tile's left and upper edge, as shares of its width and height. */
-static void sbl__tile_place(const sbl__tile *c, int x, int y, float share[2]) {
+static void sbl__tile_shares(const sbl__tile *c, int x, int y, float share[2]) {
     const sbl__range *a = &c->area;
     share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
     share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner at that place. */
+/* Returns the bilinear weight of a tile's corner for these shares. */
 static float sbl__tile_weight(const float share[2], int corner) {
     return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
 }
@@ -16779,7 +16783,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_place(c, x, y, m->share);
+    sbl__tile_shares(c, x, y, m->share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = sbl__tile_weight(m->share, corner), belongs;
@@ -17060,7 +17064,7 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     const float own = r->lobes[pixel - r->pixels].light;
     float light = 0, weights = 0, share[2];
     int corner;
-    sbl__tile_place(c, x, y, share);
+    sbl__tile_shares(c, x, y, share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         const float at = r->lobes[p - r->pixels].light;
@@ -17648,7 +17652,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
 static void sbl__guides_make(const sbl__refine *r, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
     const sbl__guides *g = &r->guides;
-    const int place = SBL__MAX(guide - 1, 0), column = place % g->columns, row = place / g->columns;
+    const int number = SBL__MAX(guide - 1, 0), column = number % g->columns, row = number / g->columns;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
     float found[SBL__GUIDE_BINS];
     int i, k, n;
@@ -17657,7 +17661,7 @@ static void sbl__guides_make(const sbl__refine *r, int guide) {
         for (k = -2; k <= 2; k++) {
             const sbl__pixel *p = sbl__guide_pixel(r, column + k, row + i);
             const float fits = p ? weights[i + 2] * weights[k + 2] * sbl__guide_fits(own, p) : 0;
-            const float *from = p ? sbl__guide_found(g, place + i * g->columns + k) : NULL;
+            const float *from = p ? sbl__guide_found(g, number + i * g->columns + k) : NULL;
             for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
         }
     sbl__guide_make(found, sbl__guide_words(g, guide));
@@ -18894,15 +18898,15 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam, except where a texel has no light or light differs much. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    double places[2][2][2], longest = 0;  /* [side][end]: x and y in the map, texels */
+    double mapped[2][2][2], longest = 0;  /* [side][end]: x and y in the map, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
         for (i = 0; i < 4; i++)
-            places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
+            mapped[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
                                          s->light->size[i % 2];
-        dx = places[side][1][0] - places[side][0][0];
-        dy = places[side][1][1] - places[side][0][1];
+        dx = mapped[side][1][0] - mapped[side][0][0];
+        dy = mapped[side][1][1] - mapped[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
     }
     count = (int)SBL__MIN(SBL__SEAM_POINTS * longest + 1, SBL__SEAM_POINTS_MOST);
@@ -18913,7 +18917,7 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
         int whole = 1;
         for (side = 0; side < 2; side++) {
             double at[2];
-            for (k = 0; k < 2; k++) at[k] = (1 - t) * places[side][0][k] + t * places[side][1][k];
+            for (k = 0; k < 2; k++) at[k] = (1 - t) * mapped[side][0][k] + t * mapped[side][1][k];
             whole = whole && sbl__seam_mix(s->light, at, side, &point);
         }
         if (whole && sbl__seam_is_even(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
@@ -18927,22 +18931,22 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
-    uint32_t edges[2], ends[2][2], slot;
+    uint32_t edges[2], ends[2][2], bucket;
     int looked = 0, match;
     if (!sbl__atlas_is_baked(s->atlas, g->indices[edge])) return SBL_SUCCESS;
     edges[0] = (uint32_t)edge;
     edges[1] = 0;
     sbl__seam_ends(g, edges[0], ends[0]);
-    slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
-    slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
-    while (looked < SBL__SEAM_CHAIN && (edges[1] = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
+    bucket = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
+    bucket = sbl__hash_floats(bucket, g->vertices[ends[0][1]].position, 3);
+    while (looked < SBL__SEAM_CHAIN && (edges[1] = sbl__bucket_next(&s->edges, &bucket)) != SBL__NONE) {
         sbl__seam_ends(g, edges[1], ends[1]);
         match = sbl__seam_match(g, edges, (const uint32_t (*)[2])ends);
         looked += match > 0;
         if (match == 2 && sbl__seam_points(s, (const uint32_t (*)[2])ends) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (edges[1] == SBL__NONE) sbl__slot_fill(&s->edges, slot, edges[0]);
+    if (edges[1] == SBL__NONE) sbl__bucket_fill(&s->edges, bucket, edges[0]);
     return SBL_SUCCESS;
 }
 
@@ -19801,9 +19805,9 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
 };
 
-/* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
-static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
-    const size_t i = sbl__map_shown(m, place);
+/* Gets a pixel of a channel that no target holds. host_pixel: number of the pixel of the host */
+static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t host_pixel, float *out) {
+    const size_t i = sbl__map_shown(m, host_pixel);
     const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
     const sbl__sensor *sensor = sbl__sensor_of(&m->refine, pixel);
     double depth = 0;
@@ -19844,8 +19848,8 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
         const int rows = SBL__MIN(most, m->size[1] - row), first = direct ? row : m->window.inset[1] + row * across;
         result = sbl__target_read(&c->device, t, sbl__channels[channel].attachment, first, rows * across, data);
         for (i = pixels * (size_t)row; i < pixels * (size_t)(row + rows) && result == SBL_SUCCESS; i++) {
-            const size_t place = (direct ? i : sbl__map_shown(m, i)) - width * (size_t)first;
-            memcpy(out + 3 * i, data + 4 * place, 3 * sizeof(float));
+            const size_t from = (direct ? i : sbl__map_shown(m, i)) - width * (size_t)first;
+            memcpy(out + 3 * i, data + 4 * from, 3 * sizeof(float));
         }
     }
     sbl__free(&c->base, data);
@@ -21123,7 +21127,7 @@ typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
 /* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. number: its
    number among the points on the mesh */
-typedef struct sbl__vertices_place { int triangle, point; uint32_t number; } sbl__vertices_place;
+typedef struct sbl__vertices_cursor { int triangle, point; uint32_t number; } sbl__vertices_cursor;
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -21133,11 +21137,11 @@ typedef struct sbl__vertices {
     int part_count, vertex_count, triangle_count;
     int solved;                 /* number of parts that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
-    sbl__vertices_place next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
+    sbl__vertices_cursor next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
     uint32_t *unknowns;         /* per vertex: number of its unknown, which is the number of the first vertex that it is
                                    welded to, or else its own; SBL__NONE if no triangle uses the vertex */
-    sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
+    sbl__hash_table positions, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three vertices; after stage SIDES, their unknowns */
     float *areas;               /* per triangle: area; after stage SIDES, relative to the mean triangle of its mesh */
     float *sums;                /* per triangle: entries 00 01 02 11 12 22 of its symmetric matrix; the sum of its
@@ -21165,7 +21169,7 @@ static void sbl__vertices_free(void *work) {
     sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
-    sbl__hash_table_free(base, &s->places);
+    sbl__hash_table_free(base, &s->positions);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
     sbl__work_free_task(&s->work);
@@ -21210,7 +21214,7 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     s->corners = (uint32_t *)sbl__alloc_raw(&c->base, triangles, 12);
     s->areas = (float *)sbl__alloc_raw(&c->base, triangles, sizeof *s->areas);
     if (!s->normals || !s->unknowns || !s->corners || !s->areas ||
-        sbl__hash_table_make(&c->base, &s->places, s->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(&c->base, &s->positions, s->vertex_count) != SBL_SUCCESS ||
         sbl__hash_table_make(&c->base, &s->ends, 3.0 * s->triangle_count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
     memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
@@ -21262,7 +21266,7 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
     return other >= (uint32_t)s->parts[s->part].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
-           sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
+           sbl__same_position(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
 /* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalized sum
@@ -21280,7 +21284,7 @@ static sbl_result sbl__vertices_weld(void *work, int vertex) {
     if (!sbl__all_zero(g->attributes[number].normal, 3)) memcpy(normal, g->attributes[number].normal, 12);
     else if (!sbl__normalize(mean)) return SBL_SUCCESS;
     else for (k = 0; k < 3; k++) normal[k] = (float)mean[k];
-    s->unknowns[vertex] = sbl__hash_table_first(&s->places, sbl__place_hash(g, number), (uint32_t)vertex,
+    s->unknowns[vertex] = sbl__hash_table_first(&s->positions, sbl__position_hash(g, number), (uint32_t)vertex,
                                                 sbl__vertices_same, s);
     return SBL_SUCCESS;
 }
@@ -21380,15 +21384,15 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *place to the following point, except place->number, which remains that of the point. */
-static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
-    const int triangle = place->triangle;
-    sbl__vertices_point(place->point, weights);
-    place->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !place->point
-                        ? 0 : place->number + 1;
-    if (++place->point < sbl__vertices_samples(s, triangle)) return triangle;
-    place->point = 0;
-    place->triangle++;
+   advances *cursor to the following point, except cursor->number, which remains that of the point. */
+static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
+    const int triangle = cursor->triangle;
+    sbl__vertices_point(cursor->point, weights);
+    cursor->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !cursor->point
+                        ? 0 : cursor->number + 1;
+    if (++cursor->point < sbl__vertices_samples(s, triangle)) return triangle;
+    cursor->point = 0;
+    cursor->triangle++;
     return triangle;
 }
 

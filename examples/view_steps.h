@@ -12,20 +12,20 @@
 
 enum { STEPS_MOST = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
 
-static const char *const steps_rooms[] = { "surface", "bounce", "gather", "refine", "filter", "resolve" };
+static const char *const steps_phases[] = { "surface", "bounce", "gather", "refine", "filter", "resolve" };
 
 /* What is known at one time. */
 typedef struct steps_state {
     double wall, own, all;      /* seconds: clock, processor time of the thread and of the process */
     long interruptions;
     int programs;
-    double rooms[6];            /* of sbl_stats.seconds */
+    double phases[6];           /* of sbl_stats.seconds */
 } steps_state;
 
 typedef struct steps_step {
     float wall, own, all;       /* seconds */
     short disturbed, programs;  /* number of interruptions, and of programs that were compiled */
-    short room, preview;        /* index in steps_rooms of what took most of the time; 1: a step of a preview */
+    short phase, preview;        /* index in steps_phases of what took most of the time; 1: a step of a preview */
 } steps_step;
 
 static struct steps {
@@ -43,11 +43,11 @@ static double steps__clock(clockid_t clock) {
 
 static void steps__look(const sbl_context *context, steps_state *s) {
     const sbl_stats stats = sbl_query_stats(context);
-    const double rooms[6] = { stats.seconds.surface, stats.seconds.bounce, stats.seconds.gather, stats.seconds.refine,
-                              stats.seconds.filter, stats.seconds.resolve };
+    const double phases[6] = { stats.seconds.surface, stats.seconds.bounce, stats.seconds.gather, stats.seconds.refine,
+                               stats.seconds.filter, stats.seconds.resolve };
     struct rusage use;
     getrusage(RUSAGE_THREAD, &use);
-    memcpy(s->rooms, rooms, sizeof rooms);
+    memcpy(s->phases, phases, sizeof phases);
     s->interruptions = use.ru_nivcsw;
     s->programs = sbl_query_programs(context).count;
     s->wall = steps__clock(CLOCK_MONOTONIC);
@@ -74,9 +74,9 @@ static void steps_leave(const sbl_context *context, int preview) {
     s->disturbed = (short)(after.interruptions - b->interruptions);
     s->programs = (short)(after.programs - b->programs);
     s->preview = (short)preview;
-    s->room = 0;
+    s->phase = 0;
     for (i = 1; i < 6; i++)
-        if (after.rooms[i] - b->rooms[i] > after.rooms[s->room] - b->rooms[s->room]) s->room = (short)i;
+        if (after.phases[i] - b->phases[i] > after.phases[s->phase] - b->phases[s->phase]) s->phase = (short)i;
     steps.count++;
 }
 
@@ -136,8 +136,8 @@ static int steps_write(FILE *out, const void *what) {
     for (i = 0; i < steps.count && i < STEPS_SLOWEST; i++) {
         const steps_step *s = &steps.list[i];
         fprintf(out, "%s\n    {\"wall_ms\": %.3f, \"thread_ms\": %.3f, \"process_ms\": %.3f, \"interruptions\": %d, "
-                "\"programs\": %d, \"room\": \"%s\", \"preview\": %s}", i ? "," : "", 1e3 * (double)s->wall,
-                1e3 * (double)s->own, 1e3 * (double)s->all, s->disturbed, s->programs, steps_rooms[s->room],
+                "\"programs\": %d, \"phase\": \"%s\", \"preview\": %s}", i ? "," : "", 1e3 * (double)s->wall,
+                1e3 * (double)s->own, 1e3 * (double)s->all, s->disturbed, s->programs, steps_phases[s->phase],
                 s->preview ? "true" : "false");
     }
     fprintf(out, "\n  ]\n}\n");

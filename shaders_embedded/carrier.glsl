@@ -33,7 +33,7 @@ vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
 
 #ifdef SBL_COMPUTE
 layout(local_size_x = SBL_WORKGROUP) in;
-#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name
+#define SBL_OUT(number, name) layout(rgba32f, binding = number) writeonly uniform image2D name
 #define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)
 #define sbl_leave return
 
@@ -43,7 +43,7 @@ ivec2 sbl_texel_of_invocation() {
     return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);
 }
 #else
-#define SBL_OUT(place, name) layout(location = place) out vec4 name
+#define SBL_OUT(number, name) layout(location = number) out vec4 name
 #define sbl_write(name, value) name = value
 #define sbl_leave discard
 

@@ -1,8 +1,8 @@
 // Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
 // random direction with cosine distribution; -limit is its maximum length.
-// out_place: xyz: position of the hit, far away if nothing was hit; w: 1 + triangle's number % SBL_CAST_NUMBERS,
+// out_position: xyz: position of the hit, far away if none; w: 1 + triangle's number % SBL_CAST_NUMBERS,
 // negative for its back side; 0 if nothing was hit or the driver ended a loop early
-SBL_OUT(0, out_place);
+SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
 SBL_OUT(1, out_albedo);
 #ifdef SBL_BOUNCED  // the scene has metal
@@ -52,7 +52,7 @@ void main() {
     vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
     if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
     sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
-    vec3 share = sbl_tint, place = origin + direction * hit.distance;
+    vec3 share = sbl_tint, position = origin + direction * hit.distance;
     float low = 0.0, high = 0.0;
 #ifdef SBL_BOUNCED
     vec4 shine = vec4(0);
@@ -64,8 +64,8 @@ void main() {
     }
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);
-        // A ray that hits nothing has found its sky: out_place is not far away, so that none is added.
-        place = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
+        // A ray that hits nothing has found its sky: out_position is not far away, so that none is added.
+        position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
     }
     sbl_write(out_shine, shine);
 #ifdef SBL_GROUPS
@@ -79,6 +79,6 @@ void main() {
         high = float(hit.number / SBL_CAST_NUMBERS);
     }
     if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }
-    sbl_write(out_place, vec4(place, low));
+    sbl_write(out_position, vec4(position, low));
     sbl_write(out_albedo, vec4(albedo, high));
 }

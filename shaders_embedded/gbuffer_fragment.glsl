@@ -24,8 +24,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     float step = 0.25 / per_cell, weight = 0.0;
     vec3 sum = vec3(0);
     for (int i = 0; i < points; i++) {
-        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
-        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);
+        vec3 at = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
+        vec3 light = sbl_stored(number, s.back, at, SBL_UNBOUNDED);
         sum += light;
         weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
     }

@@ -1,5 +1,5 @@
-// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS
-// intervals, one per ring of the hemisphere, and for each ring into SBL_GUIDE_SECTORS intervals, one per sector.
+// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_BANDS
+// intervals, one per band of the hemisphere, and for each band into SBL_GUIDE_SECTORS intervals, one per sector.
 // It stores the beginning of each interval as a 16-bit number, eight of them per texel.
 #ifdef SBL_GUIDED
 uniform usampler2D sbl_guides;
@@ -24,15 +24,15 @@ vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
 // Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its
 // ray: the inverse of the point's density, so that the expected value of the ray's light does not change.
 float sbl_guide(int guide, inout vec2 u) {
-    const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
-    const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);
+    const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
+    const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);
     ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
     vec2 x = u * SBL_GUIDE_STEPS;
-    vec3 ring = sbl_guide_interval(from, ring_texels, x.x);
-    from.x += ring_texels + int(ring.z) * sector_texels;
+    vec3 band = sbl_guide_interval(from, band_texels, x.x);
+    from.x += band_texels + int(band.z) * sector_texels;
     vec3 sector = sbl_guide_interval(from, sector_texels, x.y);
-    vec2 begins = vec2(ring.x, sector.x), widths = vec2(ring.y, sector.y) - begins;
-    u = (vec2(ring.z, sector.z) + (x - begins) / widths) / counts;
+    vec2 begins = vec2(band.x, sector.x), widths = vec2(band.y, sector.y) - begins;
+    u = (vec2(band.z, sector.z) + (x - begins) / widths) / counts;
     return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));
 }
 #endif

@@ -17,10 +17,10 @@ float sbl_diffuse_lost(float cosine) {
 }
 
 // Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
-float sbl_lobe_place(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
+float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
 
 float sbl_lobe_row(float roughness) {
-    return sbl_lobe_place((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));
+    return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));
 }
 
 vec2 sbl_lobe_entry(int row, int column) {
@@ -31,7 +31,7 @@ vec2 sbl_lobe_entry(int row, int column) {
 // Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.
 vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     float alpha = roughness * roughness, u = 1.0 - cosine;
-    float x = sbl_lobe_place(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);
+    float x = sbl_lobe_step(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);
     int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);
     vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
     vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));

@@ -130,8 +130,8 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
     if (emits) radiance *= sbl_lamp_met();
     if (!sbl_outgoing_is_plain(object, back)) {
-        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
-        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;
+        uvec4 entry = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
+        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(entry, at.uv)).rgb;
         if (emits) radiance *= sbl_opacity(object, at);
     }
     return radiance;

@@ -1,7 +1,7 @@
 // Writes a texel of a sensor's view.
 layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);
                                              // distance along the view's axis in scene extents, < 0: back face
-in vec3 place;                               // x, y and w of the position in clip space
+in vec3 clip;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
 uniform float radiance_scale;
 uniform int first_triangle;                  // number of the first triangle of the draw call
@@ -9,18 +9,18 @@ flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;
 in vec4 fragment_color;
-in vec3 fragment_way, fragment_place;
+in vec3 fragment_way, fragment_position;
 
 const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene
-const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels
-const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * place.z for rounding
+const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, texels
+const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z for rounding
 
 // Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
 // line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.
 bool sbl_seen_here() {
     vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;
-    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;
-    return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;
+    vec2 beside = abs(clip.xy - at * clip.z) * 0.5 * view_texture_size;
+    return clip.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * clip.z + SBL_BESIDE_ROUNDING;
 }
 
 void main() {
@@ -38,9 +38,9 @@ void main() {
 #endif
 #ifdef SBL_BOUNCED
     int number = first_triangle + gl_PrimitiveID;
-    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_place, length(fragment_way));
+    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));
     vec3 light = sbl_light_of(leaf);
-    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_place, length(fragment_way));
+    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));
     radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);

@@ -10,19 +10,19 @@ layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 
 layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis
 uniform float per_length;                   // 1 / extent of the scene
 uniform float radiance_scale;
-out vec3 place;                             // x, y and w of gl_Position
+out vec3 clip;                              // x, y and w of gl_Position
 flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
 flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
 out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
-out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space
+out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface, world space
 
 void main() {
     int number = int(object);
 #ifdef SBL_BOUNCED
     fragment_way = position - view_eye;
-    fragment_place = position;
+    fragment_position = position;
 #endif
 #ifdef SBL_TEXTURED
     fragment_uv = vertex_uv;
@@ -37,7 +37,7 @@ void main() {
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);
     gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);
-    place = gl_Position.xyw;
+    clip = gl_Position.xyw;
     gl_ClipDistance[0] = w + x;
     gl_ClipDistance[1] = w - x;
     gl_ClipDistance[2] = y - w * view_forward.w;

@@ -1,8 +1,8 @@
 // The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.
 #ifdef SBL_BOUNCED
 // The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.
-uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)
-uniform int cell_mask;     // number of slots in the hash table - 1
+uniform int first_cell;    // texel at which the hash table begins; each texel holds two buckets (check, reference)
+uniform int cell_mask;     // number of buckets in the hash table - 1
 uniform vec3 cell_origin;  // origin of the grid of cells
 uniform float per_cell;    // 1 / length of a cell of level 0
 uniform int bright_cells;  // number of cells with bright leaves (see >>glow in sbl.h); 0: there are no glows
@@ -30,12 +30,12 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
-        for (int i = 0; i < SBL_SLOT_TRIES; i++) {
-            int place = int(hash + uint(i)) & cell_mask;
-            uvec4 two = sbl_fetch(sbl_store, first_cell + (place >> 1));
-            uvec2 slot = (place & 1) == 0 ? two.xy : two.zw;
-            if (slot.x == check) reference = slot.y;
-            if (slot.x == check || slot.x == 0u) break;
+        for (int i = 0; i < SBL_BUCKET_TRIES; i++) {
+            int bucket = int(hash + uint(i)) & cell_mask;
+            uvec4 two = sbl_fetch(sbl_store, first_cell + (bucket >> 1));
+            uvec2 found = (bucket & 1) == 0 ? two.xy : two.zw;
+            if (found.x == check) reference = found.y;
+            if (found.x == check || found.x == 0u) break;
         }
         for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_CUT; i++) {
             int cut = int(reference & ~SBL_CELL_CUT);

@@ -49,14 +49,14 @@ vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinate
 // Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter
 // than 1 if these vectors differ.
 vec3 sbl_normal_texel(int object, vec2 uv) {
-    uvec4 place = sbl_object_normal_texture(object);
-    vec2 size = vec2(place.yz);
+    uvec4 entry = sbl_object_normal_texture(object);
+    vec2 size = vec2(entry.yz);
     ivec2 points = ivec2(clamp(ceil(vec2(length(pixel_x * size), length(pixel_y * size))), vec2(1),
                                vec2(SBL_NORMAL_POINTS)));
     vec3 sum = vec3(0);
     for (int i = 0; i < points.x * points.y; i++) {
         vec2 at = (vec2(i % points.x, i / points.x) + 0.5) / vec2(points) - 0.5;
-        vec3 texel = 2.0 * sbl_texture(place, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;
+        vec3 texel = 2.0 * sbl_texture(entry, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;
         texel.xy *= sbl_object_normal_scale(object);
         sum += texel / max(length(texel), SBL_DIVISOR_LEAST);
     }

@@ -56,7 +56,7 @@ const int sky_layer = 0;
 // if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only
 // with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;
 // later segments find it.
-vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {
+vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
@@ -79,7 +79,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     bool reads_store = !goes_on || bright_cells > 0;
 #endif
     if (reads_store) {
-        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
+        int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
         sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
 #ifdef SBL_SPECULAR
@@ -87,7 +87,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
         if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
-        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
         sbl_add_stored(first && bright_cells > 0 ? leaf : 0,
                        (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));
         radiance += sbl_reflected(material, light);
@@ -203,11 +203,11 @@ void main() {
             lamp_met = 0.0;
             if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));
 #endif
-            vec3 place = from + direction * hit.distance;
+            vec3 position = from + direction * hit.distance;
 #ifdef SBL_GROUPS
             carried = share;
 #endif
-            sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
+            sum.rgb += share * sbl_radiance(hit, position, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
             if (turn == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));

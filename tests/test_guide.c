@@ -95,7 +95,7 @@ TEST(densities_follow_roots) {
     }
     for (i = 0; i < 5; i++) {
         const double even = SBL__GUIDE_EVEN, beside = 1 - even;
-        const double ring = even / SBL__GUIDE_RINGS + beside * roots[bins[i][0] != 0] / all;
+        const double ring = even / SBL__GUIDE_BANDS + beside * roots[bins[i][0] != 0] / all;
         const double sector = even / SBL__GUIDE_SECTORS + beside * roots[bins[i][1] != 0] / all;
         const double share = (double)counts[(RING + bins[i][0]) * SBL__GUIDE_SECTORS + bins[i][1]] / (SIDE * SIDE);
         CHECK(fabs(share / (ring * sector) - 1) < 0.02, "ring %d, sector %d: %g of the rays, expected %g",

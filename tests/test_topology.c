@@ -27,8 +27,8 @@ TEST(numbers_are_found_in_order) {
     CHECK(t.mask >= 199, "%u slots for 100 numbers", t.mask + 1);
     for (i = 0; i < 100; i++) wrong += sbl__hash_table_first(&t, 7, i, same_tens, NULL) != i / 10 * 10;
     CHECK(!wrong, "%u numbers are not found", wrong);
-    for (i = 0; i < 10; i++) wrong += sbl__slot_next(&t, &slot) != 10 * i;
-    CHECK(!wrong && sbl__slot_next(&t, &slot) == SBL__NONE, "ten numbers are not in order");
+    for (i = 0; i < 10; i++) wrong += sbl__bucket_next(&t, &slot) != 10 * i;
+    CHECK(!wrong && sbl__bucket_next(&t, &slot) == SBL__NONE, "ten numbers are not in order");
     sbl__hash_table_free(&base, &t);
 }
 
@@ -49,11 +49,11 @@ TEST(places_are_a_meshs) {
     g.vertices = v;
     v[0].position[1] = v[1].position[1] = v[2].position[1] = 3;
     v[1].object = 1;
-    CHECK(sbl__same_place(&g, 0, 2) && sbl__place_hash(&g, 0) == sbl__place_hash(&g, 2),
+    CHECK(sbl__same_position(&g, 0, 2) && sbl__position_hash(&g, 0) == sbl__position_hash(&g, 2),
           "equal positions of one mesh differ");
-    CHECK(!sbl__same_place(&g, 0, 1), "equal positions of two meshes are the same place");
+    CHECK(!sbl__same_position(&g, 0, 1), "equal positions of two meshes are the same place");
     v[2].position[2] = 1;
-    CHECK(!sbl__same_place(&g, 0, 2), "different positions are the same place");
+    CHECK(!sbl__same_position(&g, 0, 2), "different positions are the same place");
 }
 
 /* Two triangles that share a side in the same order of corners, a third that touches them only in a corner, and a
