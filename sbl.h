@@ -2457,8 +2457,8 @@ static unsigned char sbl__to_byte(float x) {
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
-/* Numbers of texture units, draw buffers, viewports (at most; see sbl__gl.viewports) and image units whose state the
-   guard saves and restores. Programs may use only the first GUARD_UNITS texture units and GUARD_IMAGES image units. */
+/* The guard saves and restores the state of this many texture units, draw buffers, viewports (see sbl__gl.viewports)
+   and image units. Programs may use only the first GUARD_UNITS texture units and GUARD_IMAGES image units. */
 #define SBL__GUARD_UNITS 15
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
@@ -2527,8 +2527,8 @@ enum {
     SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
-/* Reads, clears and logs all GL errors. Returns SBL_SUCCESS if there was none, SBL_ERROR_OUT_OF_MEMORY if one was
-   GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
+/* Reads, clears and logs all GL errors. Returns SBL_SUCCESS if GL reported none, SBL_ERROR_OUT_OF_MEMORY if one of them
+   was GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
 static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -2568,9 +2568,9 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) {
     return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
 }
 
-/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For functions of GL 1.1, which
-   opengl32.dll exports itself, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1. They are then
-   looked up in opengl32.dll, which the host must have loaded. */
+/* Looks up a GL function with the host's loader. Returns NULL if the function does not exist. On Windows, opengl32.dll
+   itself exports the functions of GL 1.1; for these, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or
+   -1. This function then looks them up in opengl32.dll, which the host must have loaded. */
 static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
     const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
     if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
@@ -2583,7 +2583,8 @@ static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *na
     return NULL;
 }
 
-/* Loads GL functions; missing optional ones become NULL. Logs each missing required one; returns 1 if there is none. */
+/* Loads GL functions; missing optional ones become NULL. Logs missing required ones, and returns 1 if there are
+   none. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
@@ -2648,7 +2649,7 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
    function returns, the guard restores it. sbl__guard_force sets the state that passes rely on, after sbl__guard_save
    and after each call of the host's draw callback. */
 
-/* Capabilities of glEnable that the guard saves and restores. The last but one needs GL 4.0, the last one 4.3. */
+/* Capabilities of glEnable that the guard saves and restores. The last but one needs GL 4.0, the last one needs 4.3. */
 static const unsigned sbl__guard_switches[] = {
     SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
     SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
@@ -2663,7 +2664,7 @@ static int sbl__guard_switch_count(const sbl__gl *gl) {
     return SBL__COUNT(sbl__guard_switches) - !sbl__gl_at_least(gl, 40) - !sbl__gl_at_least(gl, 43);
 }
 
-/* The parameters of glPixelStore that affect 2D textures, and the values that the library works with */
+/* parameters of glPixelStore that affect 2D textures, and the values that the library needs */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
     { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
@@ -2741,7 +2742,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     }
     for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < 6 * SBL__GUARD_IMAGES; i++)
         gl->GetIntegeri_v(sbl__guard_image[i % 6], (unsigned)i / 6, &g->images[i / 6][i % 6]);
-    sbl__gl_clear_errors(gl);  /* old drivers reject some of the queries with an error; the saved value is then 0 */
+    sbl__gl_clear_errors(gl);  /* old drivers report an error for some of the queries; the saved value is then 0 */
 }
 
 static void sbl__guard_force(const sbl__gl *gl) {
@@ -2820,7 +2821,8 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
    Constants and records that C and the shaders share. C fills an array of structs; shaders read it from a table.
 
    SBL__NAME(X) lists the fields of a record. From it, SBL__RECORD defines the struct sbl__name and sbl__name_record.
-   sbl__write_record then writes GLSL: the declaration of the table's sampler, and a function for each field, such as
+   From the latter, sbl__write_record writes GLSL: the declaration of the table's sampler, and a function for each
+   field, such as
 
        vec3 sbl_object_albedo(int i) { return uintBitsToFloat(sbl_fetch(sbl_objects, 5 * i + 0).xyz); }
 
@@ -2828,14 +2830,14 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
 
 typedef enum sbl__kind { SBL__FLOAT, SBL__VEC3, SBL__UINT, SBL__UVEC2, SBL__UVEC3, SBL__UVEC4 } sbl__kind;
 
-/* word: offset in the record, in 32-bit words */
+/* word: offset of the field in the record, in 32-bit words */
 typedef struct sbl__field { const char *name; sbl__kind kind; int word; } sbl__field;
 
 typedef struct sbl__record {
     const char *name;          /* prefix of the GLSL functions' names */
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
-    const char *first;         /* uniform that holds the number of the first record's texel; NULL: texel 0 */
+    const char *first;         /* uniform that holds the index of the first record's first texel; NULL: 0 */
     int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
@@ -2856,19 +2858,19 @@ typedef struct sbl__record {
     static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
                                                type##_fields, SBL__COUNT(type##_fields) };
 
-/* GLSL declarations of samplers: for tables that grow with the scene (see tables.glsl), and for other tables */
+/* GLSL declarations of samplers, for tables that grow with the scene (see tables.glsl) and for other tables */
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
 #define SBL__TEXELS_SHIFT 12       /* log2 of TEXELS_ACROSS. GL 3.3 promises width 1024; all known drivers allow 4096 */
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
-#define SBL__STACK 64              /* capacity of the stack with which a ray traverses the hierarchy, in references */
-#define SBL__LAMPS 256             /* maximum number of entries (lamps plus clusters) of a look in lamps.glsl */
+#define SBL__STACK 64              /* capacity of the stack that a ray uses to traverse the hierarchy, in references */
+#define SBL__LAMPS 256             /* maximum number of lamps plus clusters that lamps.glsl lists for a look */
 #define SBL__LAMP_PASSES 8         /* lamps.glsl traces each part of a look's rays in at most this many passes */
 #define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
-#define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
-#define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
+#define SBL__TEXTURE_KIND 3u       /* mask of a texture's kind; a kind of 0 means that the texture does not exist */
+#define SBL__TEXTURE_CLAMPS 4u     /* flag: texture coordinates are clamped; otherwise the texture repeats */
 #define SBL__LEAF 0x80000000u      /* LEAF, ENTER: top bits of a reference, see sbl__node; LEAVE, END: in ray stacks */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
@@ -2885,72 +2887,73 @@ typedef struct sbl__record {
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
 #define SBL__PATCH_NEAR 16u        /* flag: cell for rays shorter than 1 / NEAR_PART of a level-0 cell's length */
-#define SBL__PATCH_LEVEL 32u       /* a patch word contains the cell's level (two bits) times this */
+#define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
-#define SBL__BUCKET_TRIES 64       /* largest number of buckets that a search in the hash grid visits */
-#define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: it leads to a cut, not to a leaf */
-#define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
+#define SBL__BUCKET_TRIES 64       /* maximum number of buckets that a search in the hash grid visits */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: the reference leads to a cut, not to a leaf */
+#define SBL__CELL_DEPTH 8          /* maximum number of cuts between a cell and a leaf */
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
-#define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes a triangle's number n as two floats: n % this (+ 1), n / this */
-#define SBL__CAST_LAYERS 16        /* cast.glsl writes the layers a and b of two lights as a + this * b */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes a triangle's index n as two floats: n % this (+ 1), n / this */
+#define SBL__CAST_LAYERS 16        /* cast.glsl writes the layers a and b of two lights as the number a + this * b */
 #define SBL__GUIDE_BANDS 16        /* bands of a guide's histogram, see >>guide */
 #define SBL__GUIDE_SECTORS 32      /* sectors of each band */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look.which */
-#define SBL__LOOK_GUIDE_SHIFT 10   /* the guide's number is which >> this */
-#define SBL__RESULTS_WIDTH 1024    /* width of the textures of a job's results, texels */
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
+#define SBL__LOOK_GUIDE_SHIFT 10   /* the index of the look's guide is which >> this */
+#define SBL__RESULTS_WIDTH 1024    /* width of the textures that hold the results of a job, in texels */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
 
-#define SBL__UNBOUNDED 1e30f           /* stands for infinity: as the limit of a ray, or as a distance without a hit */
-#define SBL__LOST (-1.0f)              /* if the driver ended a loop early (carrier.glsl), this replaces a look's least
-                                          distance, its variance of lamp light, or the high bits of a triangle number */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction, as many as a float holds, are
-                                          divided by this and so become a float from 0 to 1 */
-#define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
-#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide divides 0 .. 1 into intervals, and stores where each begins
-                                          as a 16-bit integer: position * this */
+#define SBL__UNBOUNDED 1e30f           /* stands for infinity: a ray's maximum length, or its distance without a hit */
+#define SBL__LOST (-1.0f)              /* If the driver ends a loop early (carrier.glsl), this replaces a look's least
+                                          distance, its variance of lamp light, or the high bits of a triangle index */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction (as many as a float holds) are
+                                          divided by this, which gives a float from 0 to 1 */
+#define SBL__COLOR_MOST 65535.0f       /* this integer stands for 1 in a vertex colour */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide divides 0 .. 1 into intervals, and stores the start of each as a
+                                          16-bit integer: start * this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
 #define SBL__HARMONIC_1 0.48860251f    /* factor of y, z and x in the spherical harmonics of band 1: sqrt(3 / (4 pi)) */
-#define SBL__BOUNCE_ALBEDO 0.98f       /* upper limit of the albedo when >>bounce computes the store; where sensors see
-                                          a surface, the store's R is multiplied by the unlimited albedo */
-#define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* upper limit of the albedo while >>bounce solves for R in the store. Sensors
+                                          multiply the store's R by the unlimited albedo of the surface that they see */
+#define SBL__SKY_LEAST 1e-37f          /* lower limit of the sky's radiance where it is a divisor */
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
-#define SBL__NORMAL_LEAST 1e-12        /* squared length up to which an interpolated normal is replaced by the face's */
-#define SBL__GRAZING 0.01              /* smallest cosine that a shading normal may have with the direction to the
-                                          viewer or, at sites of >>vertices, with the face's normal */
-#define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 up to this cosine of the angle between two points' normals */
-#define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
-#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (larger distance of one point from the
-                                          other's plane) / (distance of the points) rises from 1 to 2 */
-#define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
+#define SBL__NORMAL_LEAST 1e-12        /* at most this squared length: the face normal replaces an interpolated
+                                          normal */
+#define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
+                                          viewer or, at sites of >>vertices, the face normal */
+#define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
+#define SBL__BELONGS_TURN 0.2f         /* from a cosine of BELONGS_COSINE + this on, sbl_belongs ignores the angle */
+#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls from 1 to 0 while this * (larger distance of one point from
+                                          the other's plane) / (distance of the points) rises from 1 to 2 */
+#define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this fraction of a pixel's light to its noise, because nobody
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
-#define SBL__LOBE_STEPS 4095.0         /* gbuffer_fragment.glsl packs numbers of a lobe as integers from 0 to this */
-#define SBL__LOBE_ROWS 16              /* number of rows and of columns of the tables of lobes */
-#define SBL__LOBE_FIRST 0.05           /* roughness of the first row; that of the last row is 1 */
-#define SBL__LOBE_UNIT 65535.0f        /* what stands for 1 in sbl__lobe_albedos */
-#define SBL__LOBE_LEAST 1e-3f          /* lower limit of the albedo by which light in a lobe is divided: that of a metal
+#define SBL__LOBE_STEPS 4095.0         /* gbuffer_fragment.glsl packs a lobe's parameters as integers from 0 to this */
+#define SBL__LOBE_ROWS 16              /* number of rows and of columns of the two tables of specular lobes */
+#define SBL__LOBE_FIRST 0.05           /* roughness of the first row; the roughness of the last row is 1 */
+#define SBL__LOBE_UNIT 65535.0f        /* stands for 1 in sbl__lobe_albedos */
+#define SBL__LOBE_LEAST 1e-3f          /* lower limit of a lobe's albedo where it is a divisor: the albedo of a metal
                                           may be 0 in some colours */
-#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
-#define SBL__MIRROR 0.05f              /* surfaces of lower roughness are perfect mirrors */
-#define SBL__MIRROR_SEEN 0.08f         /* a mirror of lower roughness shows its pixels what is seen in it */
-#define SBL__MIRROR_DIFFUSE 0.02f      /* such a mirror has at most this diffuse albedo, which is not shown */
-#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow if its surface is not matte, because the
-                                          lobe also reflects where the albedo is 0 */
+#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are integrated in closed form */
+#define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
+#define SBL__MIRROR_SEEN 0.08f         /* pixels of a smoother mirror show the surface that is seen in the mirror */
+#define SBL__MIRROR_DIFFUSE 0.02f      /* such a mirror has at most this diffuse albedo, which is then ignored */
+#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
+                                          the lobe also reflects where the albedo is 0 */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
-#define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
-                                          without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the triangle's reach if rays
-                                          are traced and the reach is known, otherwise of the scene's extent, because
-                                          depth buffers are imprecise (see sbl__spec_offset). At 2.5e-7 and below,
-                                          float rounding makes sensors on a sphere see the sphere */
+#define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
+                                          reversed, without a far plane */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: of the
+                                          triangle's reach if rays are traced and the reach is known, otherwise of the
+                                          scene's extent, because depth buffers are imprecise (see sbl__spec_offset). At
+                                          2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
 
-/* Shaders get these as #define SBL_name: constants with the text of SBL__name, flags with SBL_MATERIAL_name's value */
+/* Shaders get these as #define SBL_name. A constant has the text of SBL__name, a flag that of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2966,9 +2969,9 @@ typedef struct sbl__record {
     X(MIRROR_DIFFUSE)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
+#define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
 
-/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops what does not fit.
+/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops text that does not fit.
    Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
@@ -2979,9 +2982,9 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-/* Tables of specular lobes, which tests/tools/fit_lobe.py has computed. Rows: the roughness from 0.05 to 1. Columns of
-   the albedos: mu (1 + alpha) / (mu + alpha), from 0 to 1, where mu is the cosine of the view and alpha the squared
-   roughness; E and b / (1 - mu)^5 in 1 / 65535. The albedo of a lobe is reflectance * (E - b) + b. */
+/* Directional albedos of specular lobes, computed by tests/tools/fit_lobe.py. Rows: roughness from 0.05 to 1. Columns:
+   mu (1 + alpha) / (mu + alpha) from 0 to 1, where mu is the cosine of view and normal, and alpha the squared
+   roughness. An entry is E and b / (1 - mu)^5, in 1 / 65535. The albedo of a lobe is reflectance * (E - b) + b. */
 static const uint16_t sbl__lobe_albedos[SBL__LOBE_ROWS][2 * SBL__LOBE_ROWS] = {
     { 65535, 61399, 64405, 60951, 63272, 60385, 62141, 59633, 61042, 58760, 60028, 58094, 59184, 57600, 58618, 57170,
       58455, 56900, 58825, 57077, 59891, 58858, 61402, 60638, 63235, 62708, 64632, 64221, 65379, 65145, 65535, 65535 },
@@ -3017,9 +3020,9 @@ static const uint16_t sbl__lobe_albedos[SBL__LOBE_ROWS][2 * SBL__LOBE_ROWS] = {
       34025, 3486, 31708, 4684, 29520, 7540, 27451, 12757, 25482, 20597, 23602, 30937, 21796, 43611, 20073, 57926 },
 };
 
-/* Columns: sqrt(mu), from 0 to 1. m0 to m3 in 1 / 32768. In the frame of the normal (z) and the view (in the plane of x
-   and z), the matrix with the rows (m0, 0, m1 s), (0, 1, 0), (-m2 s, 0, m3) transforms the lobe to a cosine lobe; s is
-   the sine of the view. */
+/* Matrices that transform specular lobes to a cosine lobe. Rows: roughness as above. Columns: sqrt(mu) from 0 to 1.
+   Each entry is m0 to m3 in units of 1 / 32768. In the frame whose z axis is the normal and whose xz plane contains the
+   view, the rows of the matrix are (m0, 0, m1 s), (0, 1, 0), (-m2 s, 0, m3); s is the sine between view and normal. */
 static const uint16_t sbl__lobe_cosines[SBL__LOBE_ROWS][4 * SBL__LOBE_ROWS] = {
     { 1, 110, 0, 155, 1, 175, 0, 150, 11, 608, 1, 99, 53, 1326, 3, 85,
       167, 2341, 6, 87, 406, 3648, 9, 85, 840, 5249, 13, 87, 1555, 7140, 19, 82,
@@ -3087,7 +3090,7 @@ static const uint16_t sbl__lobe_cosines[SBL__LOBE_ROWS][4 * SBL__LOBE_ROWS] = {
       32768, 0, 0, 39019, 32768, 0, 0, 38402, 32768, 0, 0, 37849, 32768, 0, 0, 37380 },
 };
 
-/* Writes sbl__lobe_albedos as an array of GLSL, two numbers in one. */
+/* Writes sbl__lobe_albedos as a GLSL array. Each uint of the array packs two 16-bit numbers. */
 static size_t sbl__write_lobes(char *text, size_t length) {
     const int count = SBL__LOBE_ROWS * SBL__LOBE_ROWS;
     int i;
@@ -3103,7 +3106,7 @@ static size_t sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", (unsigned)SBL_MATERIAL_##name);
     SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
-    /* Writes the text of the macros, because printf would round floats, and write commas in some locales. */
+    /* writes the text of the macros, because printf would round floats, and write commas in some locales */
 #define SBL__TEXT(...) #__VA_ARGS__
 #define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
@@ -3131,35 +3134,35 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 }
 
 /* ======================================================================================================== >>device
-   GL objects (textures, buffers, targets, programs), draws and reads, and the clock that divides work into submissions.
+   GL objects (textures, buffers, targets, programs), draws, reads, and the pace, by which work is divided into pieces.
    Functions that create an object log an error if they fail. Functions that delete an object accept an empty one. */
 
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* A framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
+/* a framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[8], formats[8]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 1280  /* at least the number of all variants of all recipes; test_steps.c counts them */
+#define SBL__PROGRAMS_MOST 1280  /* at least the number of variants of all recipes together; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;
     sbl__gl gl;
     unsigned features;       /* features that depend on the driver: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* vertex array without attributes */
-    unsigned reader;         /* framebuffer to which sbl__target_read attaches what it reads */
-    sbl__program programs[SBL__PROGRAMS_MOST];  /* programs compiled so far */
-    sbl_programs compiled;   /* number of programs compiled so far, and seconds spent compiling them */
+    unsigned reader;         /* framebuffer to which sbl__target_read attaches the texture that it reads */
+    sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
+    sbl_programs compiled;   /* number of programs compiled so far, and the seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* assumed number of invocations that fill the device: fewer take just as long */
+    int lot;                 /* assumed number of invocations that fill the device: fewer take as long */
 } sbl__device;
 
-/* Makes *name the name of a new GL object if it is 0. Returns 1 on success. If GL gives no name, logs an error and
-   returns 0; the caller must then not bind *name, because the name 0 belongs to the host's default objects. */
+/* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL gives no name, logs an
+   error and returns 0; the caller must then not bind *name, because GL's default objects have the name 0. */
 static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *), unsigned *name) {
     if (!*name) generate(1, name);
     if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
@@ -3200,7 +3203,7 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Gives a texture this size and format, with undefined texels, unless it has both already. Deletes it on failure. */
+/* Gives a texture this size and format, with undefined texels, unless it has them already. Deletes it on failure. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(format);
@@ -3225,7 +3228,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     return SBL_SUCCESS;
 }
 
-/* Writes rows of texels. from: texels in the layout of the texture's format */
+/* Writes rows of texels, from `row` on. from: texels in the layout of the texture's format */
 static sbl_result sbl__texture_write(const sbl__device *d, const sbl__texture *t, int row, int rows, const void *from) {
     const sbl__format *f = sbl__format_of(t->format);
     d->gl.BindTexture(SBL__GL_TEXTURE_2D, t->id);
@@ -3239,7 +3242,7 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* Gives a buffer this size and content. Deletes it on failure. data: NULL: undefined. usage: as in glBufferData */
+/* Gives a buffer this size and content (NULL: undefined). Deletes it on failure. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
@@ -3262,9 +3265,9 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
-   the memory in use does not depend on the pace. A batch above room / 8 gets new storage, so that the driver need not
-   wait for draws that read the former batch. For a smaller one, new storage would cost more than the wait. */
+/* Writes the data of a batch to a buffer. room: size of the largest batch in bytes. The buffer always has this size, so
+   that the memory in use does not depend on the pace. A batch larger than room / 8 gets new storage: the driver then
+   need not wait for draws that read the former batch. For smaller batches, new storage costs more than the wait. */
 static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
                                      size_t bytes) {
     const int stays = b->id && b->bytes == room && bytes <= room / 8;
@@ -3274,9 +3277,9 @@ static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_
     return sbl__gl_check(&d->gl);
 }
 
-/* Data that shaders read by number. texels: the buffer as a buffer texture; only texels.id is then set. If one of the
-   scene's tables exceeds the driver's limit of buffer textures, all tables of the scene are `wide`: texels is a 2D
-   texture with a copy of the buffer. sbl_fetch in tables.glsl reads both kinds. */
+/* Data that shaders read by index. Normally `texels` is a buffer texture of the buffer; only texels.id is then set. If
+   one of the scene's tables exceeds the driver's limit of buffer textures, all tables of the scene are `wide`: `texels`
+   is a 2D texture with a copy of the buffer. sbl_fetch in tables.glsl reads both kinds. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -3315,9 +3318,9 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Attaches `count` textures (1 to 8) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
-   the target's depth texture as it is. Creates the target if it does not exist. Textures that do not exist, which the
-   first must, leave gaps: what passes write there is lost. */
+/* Attaches `count` (1 to 8) colour textures of one size to a target, and a depth texture. If `depth` is NULL, the
+   target keeps its depth texture. Creates the target if it does not exist. All textures but the first may be missing
+   (id 0): GL then discards the values that passes write to that output. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
@@ -3333,7 +3336,7 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
-    for (i = count; i < t->count; i++)  /* detaches the rest: even deleted textures limit the target to their size */
+    for (i = count; i < t->count; i++)  /* detaches the rest, because even deleted textures limit the target's size */
         gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i,
                                  SBL__GL_TEXTURE_2D, 0, 0);
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
@@ -3352,9 +3355,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats. The
-   attachment is read through a framebuffer of its own, because NVIDIA's driver (580.159) copies whole attachments where
-   a framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
+/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats.
+   Reads through a framebuffer of its own, because NVIDIA's driver (580.159) copies the whole attachment if the
+   framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -3370,12 +3373,12 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 }
 
 /* >>device: programs. A recipe names the shaders of a program (see shaders_embedded), the records that they read, and
-   the features that make variants of it. A variant is compiled when it is first used, or by sbl__compile_all. */
+   the features that make variants of the program. A variant is compiled on first use, or by sbl__compile_all. */
 
 enum {
     SBL__TEXTURED = 1 << 0,     /* some mesh has vertex colours or a material with textures or cutouts */
     SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
-    SBL__VIEWS = 1 << 2,        /* lamps.glsl also tests rays against views: only views show what the host draws */
+    SBL__VIEWS = 1 << 2,        /* lamps.glsl also tests rays against views, which show what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
     SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because clip control is missing or disabled */
     SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
@@ -3385,11 +3388,11 @@ enum {
     SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
     SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
     SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
-    SBL__DISPLAY = 1 << 12,     /* also output what a screen shows, for SBL_CHANNEL_DISPLAY */
+    SBL__DISPLAY = 1 << 12,     /* also output the colour that a screen shows, for SBL_CHANNEL_DISPLAY */
     SBL__SPECULAR = 1 << 13,    /* some materials are not matte, see sbl_material.ior and metallic */
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
-    SBL__NORMAL_MAPS = 1 << 15, /* some materials have a texture of normals */
-    SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels follow are not perfect: samples blur them */
+    SBL__NORMAL_MAPS = 1 << 15, /* some materials have a normal map */
+    SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels show are slightly rough: samples blur them */
     SBL__FEATURES = 17,
     SBL__GROUPS_SHIFT = 17,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
     SBL__GROUPS = 15 << 17      /* mask of the bits that hold the number of light groups */
@@ -3400,17 +3403,17 @@ enum {
 typedef struct sbl__recipe {
     const char *name;
     const char *const *vertex[SBL__SHADERS_MOST];    /* files of the vertex shader, joined in this order */
-    const char *const *fragment[SBL__SHADERS_MOST];  /* files of the fragment shader or compute shader */
+    const char *const *fragment[SBL__SHADERS_MOST];  /* files of the fragment or compute shader */
     const sbl__record *records[SBL__SHADERS_MOST];   /* records that the shaders read */
-    unsigned features;                               /* bits of the features that a variant may have */
+    unsigned features;                               /* features that a variant may have */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 2500  /* room for the lines of a shader; further lines are dropped */
+#define SBL__LINES_MOST 2500  /* maximum number of lines of a shader; further lines are dropped */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// Precedes the files of every shader. Before it come the #defines of the program's features and of the constants\n",
-"// that C shares; after it come the functions that read records (see >>records in sbl.h). Tables that grow with the\n",
+"// This text precedes the files of every shader. The #defines of the program's features and shared constants\n",
+"// precede this text; the functions that read records follow it (see >>records in sbl.h). Tables that grow with the\n",
 "// scene are buffer textures or, if they exceed the driver's limit, 2D textures (see sbl__table_attach).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
@@ -3420,13 +3423,13 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop\n",
-"// when no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or it\n",
-"// depends on a feature.\n",
+"// Software renderers run many invocations in lockstep. They execute both branches of an if, and the body of a loop\n",
+"// at least once, but they leave a loop when no invocation is in it. Expensive code that is rarely needed is\n",
+"// therefore written as a loop of 0 or 1 iterations, or is compiled only for a feature.\n",
 0 };
 /* <<glsl */
 
-/* Compiles a shader and hands it to a program. prelude: text that precedes the recipe's files */
+/* Compiles a shader and attaches it to a program. prelude: text that precedes the recipe's files */
 static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *program, unsigned type,
                                    const char *prelude) {
     const sbl__gl *gl = &d->gl;
@@ -3437,7 +3440,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *pro
     char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
-    lines[count++] = "#pragma optionNV(unroll none)\n";  /* NVIDIA's compiler takes half the time; others ignore it */
+    lines[count++] = "#pragma optionNV(unroll none)\n";  /* halves NVIDIA's compile time; others ignore it */
     lines[count++] = prelude;
     for (shader = 0; shader < SBL__SHADERS_MOST && shaders[shader]; shader++)
         for (line = 0; shaders[shader][line] && count < SBL__LINES_MOST; line++) lines[count++] = shaders[shader][line];
@@ -3455,7 +3458,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *pro
     return SBL_ERROR_GL;
 }
 
-/* Compiles and links a program. Sets program->id even on failure; 0 if GL makes no program. */
+/* Compiles and links a program. Sets program->id even on failure; it is 0 if GL could not create the program. */
 static sbl_result sbl__program_link(const sbl__device *d, sbl__program *program, const char *prelude) {
     const sbl__gl *gl = &d->gl;
     const int compute = (program->features & SBL__COMPUTE) != 0;
@@ -3525,8 +3528,8 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
     return result;
 }
 
-/* Returns a recipe's program for the given features and the device's, without features that the recipe does not list.
-   Returns NULL if the program has not been compiled. */
+/* Returns the program of a recipe that has the given features and the device's, as far as the recipe lists them.
+   Returns NULL if this program has not been compiled. */
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
@@ -3535,7 +3538,7 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
     return NULL;
 }
 
-/* Compiles a recipe's program with these features if it has not been compiled. */
+/* Compiles a recipe's program with these features, unless it has been compiled before. */
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
     const double start = sbl__now();
@@ -3558,7 +3561,7 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     return SBL_SUCCESS;
 }
 
-/* Makes a recipe's program the program in use, with all texture units free; compiles it if needed. */
+/* Makes a recipe's program the current one, with all texture units free. Compiles it if needed. */
 static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const sbl_result result = sbl__program_need(d, recipe, features);
     if (result != SBL_SUCCESS) return result;
@@ -3568,7 +3571,7 @@ static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned f
     return SBL_SUCCESS;
 }
 
-/* >>device: uniforms and textures of the program in use. Names that the program does not have are ignored. */
+/* >>device: uniforms and textures of the current program. Names that the program does not contain are ignored. */
 
 static int sbl__location(const sbl__device *d, const char *name) {
     return d->gl.GetUniformLocation(d->program, name);
@@ -3614,9 +3617,9 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* enables the depth test; enables four clip distances */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* enable the depth test; enable four clip distances */
 
-/* Begins a pass: the following draws go to the target. viewport and scissor: x, y, width, height; NULL: the whole
+/* Begins a pass: following draws write to the target. viewport and scissor: x, y, width, height; NULL: the whole
    target. flags: SBL__PASS_... */
 static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *viewport, const int *scissor, int flags) {
     const sbl__gl *gl = &d->gl;
@@ -3636,8 +3639,8 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Clears colour attachment 0 of a pass to `color`, and the depth buffer to 0, the farthest depth, inside the scissor.
-   color: NULL if the attachment holds integers, which become 0 */
+/* Clears colour attachment 0 of the pass to `color`, and the depth buffer to 0, which is the farthest depth. Clears
+   only inside the scissor. color: NULL if the attachment holds integers; it is then cleared to 0 */
 static void sbl__clear(const sbl__device *d, const float *color) {
     static const unsigned zero[4] = { 0, 0, 0, 0 };
     static const float farthest = 0;
@@ -3646,7 +3649,7 @@ static void sbl__clear(const sbl__device *d, const float *color) {
     d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &farthest);
 }
 
-/* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
+/* Draws instances of the triangles first .. first + count - 1 of an indexed vertex array. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * count, SBL__GL_UNSIGNED_INT,
@@ -3668,9 +3671,9 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* Runs the program in use (see carrier.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
-   otherwise a fragment shader over `rows` rows of the target, from `row` on. Both write the same numbers. The choice
-   never depends on measured times, so pictures do not either. On llvmpipe, compute is not slower. */
+/* Runs the current program (see carrier.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
+   otherwise a fragment shader over `rows` rows of the target, from `row` on. Both write the same values. The choice
+   between them never depends on measured times, so the pictures do not either. On llvmpipe, compute is not slower. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
@@ -3687,18 +3690,18 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to the nearest whole lots (see sbl__device.lot), at least one. invocations: per item */
+/* Rounds a number of items to whole lots (see sbl__device.lot), at least one. invocations: number per item */
 static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
 }
 
-/* An attribute of a vertex array, and its place in a buffer. */
+/* an attribute of a vertex array, and its position in a buffer */
 typedef struct sbl__input {
     int location, components;
     unsigned type;
-    int integer;    /* 1: the shader's input is an integer; 0: it is a float, to which integers are normalised */
-    int instances;  /* 1: the input changes with each instance; 0: with each vertex */
+    int integer;    /* 1: the shader's input is an integer; 0: a float, and integers are normalised */
+    int instances;  /* 1: the input advances with each instance; 0: with each vertex */
     size_t stride, offset;
 } sbl__input;
 
@@ -3764,7 +3767,7 @@ static sbl_result sbl__host_texture_size(const sbl__device *d, unsigned name, in
 
 /* >>glsl fullscreen_vertex: shaders_embedded/fullscreen_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_fullscreen_vertex[] = {
-"// One triangle that covers the viewport; drawn with three vertices and no buffers.\n",
+"// Draws one triangle that covers the viewport, from three vertices and no buffers.\n",
 "void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }\n",
 0 };
 /* <<glsl */
@@ -3783,7 +3786,7 @@ static const sbl__recipe sbl__recipe_copy = {
     "copy", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_copy }, { NULL }, 0
 };
 
-/* Reads level 0 of a texture as texelFetch returns it (see copy.glsl): 4 floats per texel. */
+/* Reads level 0 of a texture, decoded by texelFetch (see copy.glsl): 4 floats per texel. */
 static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const int size[2], float *out) {
     const sbl__gl *gl = &d->gl;
     sbl__texture texture = { 0, 0, 0, 0, 0 };
@@ -3795,7 +3798,7 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
         sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
-        /* This sampler needs no mip maps. With GL's default filter, a texture without them is incomplete. */
+        /* With GL's default filter, a texture without mip maps is incomplete. This sampler's filter needs none. */
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
         gl->BindSampler(0, sampler);
@@ -3810,8 +3813,8 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Lets the host draw a view into view->viewport of a target, then sets the state that passes rely on again. Computes
-   view->world_to_clip and write_depth; the caller has set the other fields of the view. */
+/* Calls the host to draw a view into view->viewport of a target, then restores the state that passes rely on. Sets
+   view->world_to_clip and write_depth; the caller must have set the other fields of the view. */
 static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_function draw, sbl_draw_view *view,
                            void *user) {
     sbl__multiply(view->world_to_clip, view->view_to_clip, view->world_to_view);
@@ -3821,38 +3824,38 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
     sbl__guard_force(&d->gl);
 }
 
-/* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th turn. The size of a piece on
-   the GPU is computed from the time that earlier pieces of its kind took. Neither may change a result. */
+/* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th iteration. The size of a piece
+   of GPU work is computed from the time that earlier pieces of its kind took. Neither may change a result. */
 
-/* The time that a call of sbl_step may take. */
+/* the time limits of one call of sbl_step */
 typedef struct sbl__slice {
-    double end;      /* end of the slice, on the clock of sbl__now; DBL_MAX: unlimited */
-    double longest;  /* longest allowed time of a submission, seconds */
-    int turns;       /* turns of loops on the CPU since the clock was last read */
+    double end;      /* when the slice ends, on the clock of sbl__now; DBL_MAX: no limit */
+    double longest;  /* longest allowed time of a submission, in seconds */
+    int turns;       /* iterations of loops on the CPU since the clock was last read */
 } sbl__slice;
 
-/* Begins a slice. seconds: its length; 0 or less: unlimited */
+/* Begins a slice. seconds: length of the slice; 0 or less: no limit */
 static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
     const sbl__slice slice = { seconds > 0 ? sbl__now() + seconds : DBL_MAX, desc->longest_submission, 0 };
     return slice;
 }
 
-/* Loops on the CPU call this in each turn. Every 64th call returns 1 if the slice is over; all others return 0. */
+/* Loops on the CPU call this in each iteration. Every 64th call returns 1 if the slice is over; all others return 0. */
 static int sbl__late(sbl__slice *s) {
     if (++s->turns < 64) return 0;
     s->turns = 0;
     return sbl__now() >= s->end;
 }
 
-/* The pace of one kind of GPU work. cost: estimated seconds per unit of work, 0 before the first measurement. start:
-   when the current submission began */
+/* The pace of one kind of GPU work. cost: estimated seconds per unit of work; 0: not yet measured. start: time at which
+   the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
 /* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
    most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
-   because waiting for shorter submissions wastes too much time. If a measured cost is below the estimated cost, the
-   estimate falls by PACE_FALL of the difference; if it is below PACE_FAR times the estimate, by PACE_FAR_FALL of the
-   difference, because the estimate was then wrong: the driver may have compiled a shader in an earlier submission. */
+   because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
+   by PACE_FALL of the difference. Below PACE_FAR times the estimate, the estimate falls by PACE_FAR_FALL of the
+   difference: it was then wrong, perhaps because the driver compiled a shader in an earlier submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -3860,8 +3863,8 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
 #define SBL__PACE_FAR 0.25
 #define SBL__PACE_FAR_FALL 0.5
 
-/* Starts the clock for a submission and returns how many units of work it should have. first: number of units while
-   the cost is unknown. least: smallest number to return */
+/* Starts the clock for a submission, and returns how many units of work to submit. first: result while the cost is
+   unknown. least: lower limit of the result */
 static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
     double seconds;
     p->start = sbl__now();
@@ -3870,7 +3873,7 @@ static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, d
     return SBL__MAX(p->cost > 0 ? seconds / p->cost : first, least);
 }
 
-#define SBL__PACE_PIXELS 16384  /* pixels of the first submission of a pass, while its cost is unknown */
+#define SBL__PACE_PIXELS 16384  /* number of pixels in the first submission of a pass, while the cost is unknown */
 
 /* Calls sbl__pace_begin for a pass over a target, in pixels. Returns the number of rows to draw, from `row` on. */
 static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
@@ -3878,11 +3881,11 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
     return rows < t->height - row ? (int)rows : t->height - row;
 }
 
-/* Ends a submission without waiting for it. */
+/* Submits the commands so far, and does not wait for them. */
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can be expensive again. Returns as sbl__gl_check. */
+   and falls slowly, because work that was cheap a few times can become expensive again. Returns like sbl__gl_check. */
 static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -3892,26 +3895,26 @@ static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units
     return sbl__gl_check(&d->gl);
 }
 
-/* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
-   each stage, in their order. A stage is a function `piece`, which does one piece at a time, or a loop, which calls
-   `turn` for many small things. A loop may have a `piece` too, which runs whenever the loop starts or continues. To add
-   a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+/* >>device: stages. Long work is a list of stages, and each stage is done in pieces that fit into a slice. A table has
+   one row per stage, in the order of execution. A stage is a function `piece`, which does one piece per call, or a
+   loop, which calls `turn` for each of many small items. A loop may have a `piece` too, which runs whenever the loop
+   starts or continues. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: more remain. May be NULL */
-    int (*next)(void *work);                             /* returns the next stage's index; NULL: the row after this */
-    sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is not a loop */
-    int (*count)(void *work);                            /* returns how often `turn` is to be called in all; asked
-                                                            again before each call */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does a piece; SBL_UNFINISHED: call it again. May be NULL */
+    int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* does iteration `at` of a loop; NULL: the stage is no loop */
+    int (*count)(void *work);                            /* returns the number of iterations of the loop; called again
+                                                            before each iteration */
 } sbl__stage_row;
 
-/* The progress of staged work. */
+/* the progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
-    int at;     /* next turn of a loop, or a counter that a piece may use as it likes; 0 when the stage begins */
+    int at;     /* loop: index of the next iteration; piece: a counter for its own use. Each stage begins with 0 */
 } sbl__stages;
 
-/* Does one piece of the current stage, or as many turns of its loop as there is time for. Returns SBL_UNFINISHED until
-   the last stage is done, then SBL_SUCCESS; or the error of the stage, which is then still the current one. */
+/* Does one piece of the current stage, or as many iterations of its loop as the slice allows. Returns SBL_SUCCESS if
+   the last stage is done, SBL_UNFINISHED before. If the stage fails, returns its error, and the stage stays current. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
@@ -3942,7 +3945,7 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
 
 /* >>device: creation and deletion */
 
-/* Loads GL, sets features, workgroup and lot, and makes empty_array. Changes no state of the host but its GL errors. */
+/* Loads GL, sets features, workgroup and lot, and creates empty_array and reader. Clears the host's GL errors. */
 static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc) {
     static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
     const sbl_result result = sbl__gl_load(&d->gl, desc);
@@ -3964,7 +3967,7 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     return sbl__gl_check(&d->gl);
 }
 
-/* Returns 1 if the GL functions are loaded, so that GL objects can exist. */
+/* Returns 1 if the GL functions are loaded. GL objects can exist only then. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
 static void sbl__device_free(sbl__device *d) {
@@ -3975,14 +3978,14 @@ static void sbl__device_free(sbl__device *d) {
 }
 
 /* ======================================================================================================== >>check
-   Validates descriptors field by field, before anything changes. Every mistake is logged with the place, name and value
-   of the field and with what it must be. */
+   Validates descriptors field by field, before anything changes. Logs every mistake with the place, the name and the
+   value of the field, and with the values that are allowed. */
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* looks up the GL objects that a descriptor names; NULL if it can name none */
-    sbl_log_item item;          /* log item of the mistakes */
-    char where[32];             /* start of messages: the descriptor, the function, or an object such as "mesh 3" */
+    const sbl__device *device;  /* finds the GL objects that a descriptor names; NULL if it can name none */
+    sbl_log_item item;          /* log item for the mistakes */
+    char where[32];             /* begins each message: the descriptor, the function, or an object such as "mesh 3" */
     int mistakes;               /* number of mistakes found so far */
 } sbl__check;
 
@@ -3996,7 +3999,7 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-/* Sets the log item of the mistakes that follow, and the object that their messages name, such as "mesh 3". */
+/* Sets the log item of the following mistakes, and the object that their messages name, such as "mesh 3". */
 static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
     check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
@@ -4017,7 +4020,7 @@ static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_
 static const float sbl__unit_range[2] = { 0, 1 }, sbl__ior_range[2] = { 1, 1e6f };
 static const float sbl__normal_scale_range[2] = { -1000, 1000 };
 
-/* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: field in messages */
+/* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: of the field */
 static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
     int k;
     for (k = 0; k < count; k++) {
@@ -4034,7 +4037,7 @@ static void sbl__check_finite(sbl__check *check, const char *name, const float *
     sbl__check_range(check, name, v, count, sbl__any_range);
 }
 
-/* Checks that a count is not negative and, if it is above 0, that its array is not NULL. name: field of the count */
+/* Checks that a count is not negative and that the array of a positive count is not NULL. name: field of the count */
 static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
         sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
@@ -4058,9 +4061,9 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-/* A stream of a mesh and its layout. Elements of one component are indices; all others are read as floats. */
+/* A stream of a mesh and its layout. Streams with one component hold indices; all others are read as floats. */
 typedef struct sbl__stream_use {
-    const char *name;          /* field of sbl_mesh, for messages */
+    const char *name;          /* name of the field in sbl_mesh, for messages */
     const sbl_stream *stream;
     int components;            /* number of components of an element */
     int count;                 /* number of elements */
@@ -4089,8 +4092,8 @@ static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAM
     memcpy(out, streams, sizeof streams);
 }
 
-/* Checks a stream, unless it is absent: it has one source, its type fits, its elements do not overlap, and they lie
-   inside the address space and inside the stream's GL buffer, if it has one. Does not read the elements. */
+/* Checks a stream if it is present: it has one source, its type is allowed, its elements do not overlap, and they lie
+   inside the address space and inside the GL buffer, if it has one. Does not read the elements. */
 static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const int type = (int)s->type, is_index = use->components == 1;
@@ -4159,7 +4162,7 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 
 /* >>check: materials and textures */
 
-/* Checks the number of a light group. groups: number of light groups in the scene; 0: only group 0 is allowed */
+/* Checks the index of a light group. groups: number of light groups in the scene; 0: only index 0 is allowed */
 static void sbl__check_light_group(sbl__check *check, const char *field, int group, int groups) {
     if (group < 0 || group >= SBL__MAX(groups, 1))
         sbl__mistake(check, "%s is %d; sbl_scene_desc.light_groups is %d, so it must be 0 to %d", field, group, groups,
@@ -4198,8 +4201,8 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
     return t->stride ? t->stride : (size_t)width * sbl__texture_pixel_bytes(t);
 }
 
-/* Checks the channels, size and stride of pixels in client memory. prefix: "" or "picture.", precedes field names in
-   messages. most: largest width and height */
+/* Checks the channels, size and stride of pixels in client memory. prefix: "" or "picture."; precedes field names in
+   messages. most: largest allowed width and height */
 static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_texture *t, int most) {
     if (t->channels < 0 || t->channels > 4)
         sbl__mistake(check, "%schannels is %d; it must be 1 to 4, or 0 for 4", prefix, t->channels);
@@ -4217,7 +4220,7 @@ static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_t
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* albedo_texture is index + 1 */
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* materials name it index + 1 */
     if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
     sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
@@ -4237,8 +4240,8 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 /* Full angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
 #define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
 
-/* Largest width and height of the environment's picture, texels. A lamp has SBL__LAMP_KIND_SHIFT bits for a texel's
-   number. */
+/* Largest width and height of the environment's picture, in texels. A lamp stores a texel's index in
+   SBL__LAMP_KIND_SHIFT bits. */
 #define SBL__SKY_MOST 16384
 
 /* groups: number of light groups in the scene */
@@ -4350,13 +4353,13 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
 
        vertices    per vertex: position in world space, index of its mesh; the table is named sbl_positions
        attributes  per vertex: normal in world space, texture coordinates, colour
-       indices     per triangle: three vertex numbers; the triangles of mesh m begin at meshes[m].first_triangle
-       objects     per mesh: its id and its material                                                                */
+       indices     per triangle: three vertex indices; the triangles of mesh m begin at meshes[m].first_triangle
+       objects     per mesh: its id and its material */
 
 #define SBL__VERTEX(X) X(sbl__vertex, VEC3, position) X(sbl__vertex, UINT, object)
 SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_TABLE("sbl_positions"), NULL)
 
-/* color_rg and color_ba: two components of the colour, each 0 .. 65535; r and b are in the low 16 bits */
+/* color_rg and color_ba: two colour components each, as integers 0 .. 65535; r and b are in the low 16 bits */
 #define SBL__ATTRIBUTES(X) \
     X(sbl__attributes, VEC3, normal) X(sbl__attributes, FLOAT, u) \
     X(sbl__attributes, FLOAT, v) X(sbl__attributes, UINT, color_rg) X(sbl__attributes, UINT, color_ba) \
@@ -4364,10 +4367,9 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture, emission_texture: first row in the texel
-   table, width, height, and SBL__TEXTURE flags; four zeroes if the object has no such texture. reflectance: of what is
-   not metal, seen along the normal; negative: it has no reflections. layer: light_group. Further fields are those of
-   sbl_material */
+/* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture and other textures: first row in the texel
+   table, width, height, and SBL__TEXTURE flags; all 0: none. reflectance: of the part that is not metal, along the
+   normal; negative: the material is matte. layer: light_group. All other fields are those of sbl_material */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -4379,8 +4381,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, UVEC4, normal_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
-/* Number of bytes of the fields from reflectance to transmission. The fields after these tell only about normals, on
-   which stored light does not depend. */
+/* Number of bytes of the fields from reflectance to transmission. The later fields, except layer, describe the normal
+   map, which stored light does not depend on. */
 #define SBL__OBJECT_GLOSS (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
 
 typedef struct sbl__mesh {
@@ -4395,19 +4397,19 @@ enum { SBL__POSITION_TABLE, SBL__ATTRIBUTE_TABLE, SBL__INDEX_TABLE, SBL__OBJECT_
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats per vertex, 0 if its mesh has none; no elements if no mesh has any */
-    float *positions, *normals;    /* in object space, 3 floats per vertex; normals are 0 if the mesh has none */
+    float *lightmap_texcoords;     /* 2 floats per vertex, 0 if the vertex's mesh has none; empty if no mesh has any */
+    float *positions, *normals;    /* in object space, 3 floats per vertex; a mesh without normals has normals of 0 */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
     uint32_t *indices;
     sbl__object *objects;
     int vertex_count, triangle_count;
-    int colored;                   /* 1 if some mesh has vertex colours */
-    float bounds[2][3];            /* lowest and highest world coordinates of triangles and of what the host draws */
+    int colored;                   /* 1 if a mesh has vertex colours */
+    float bounds[2][3];            /* lowest and highest world coordinates of all triangles and of draw_bounds */
     double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
-    float extent;                  /* across + away, or 1 if that is 0; in world units. The offsets of sensors from
-                                      surfaces (see SBL__OFFSET) and the values in depth buffers are in proportion to
-                                      it, and distances in the view texture are multiples of it */
+    float extent;                  /* across + away, in world units; 1 if this is 0. The offsets of sensors from
+                                      surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
+                                      and distances in the view texture are multiples of it */
     sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour, indices */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
@@ -4425,7 +4427,7 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
 
 /* >>geometry: reading */
 
-/* Returns the value of a component, as a double because a float cannot hold all 32-bit indices. */
+/* Returns the value of a component. A double, unlike a float, holds all 32-bit indices. */
 static double sbl__component(const unsigned char *at, sbl_type type) {
     float f;
     uint16_t u16;
@@ -4444,7 +4446,7 @@ static double sbl__component(const unsigned char *at, sbl_type type) {
     }
 }
 
-/* Reads the elements of a stream that has been checked. out: array of uint32_t for indices, otherwise of float */
+/* Reads the elements of a checked stream. out: array of uint32_t for indices, otherwise of float */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
     const size_t stride = sbl__stream_stride(use);
@@ -4469,12 +4471,12 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     return result;
 }
 
-/* A mesh that has been read. values: contents of the streams, NULL for a missing stream. The texture coordinates and
-   colours belong to this struct; the other values, and the corners, are parts of the arrays of sbl__geometry. */
+/* A mesh that has been read. values: contents of the streams; NULL: the stream is missing. The texture coordinates and
+   colours are owned by this struct; the other values, and the corners, point into the arrays of sbl__geometry. */
 typedef struct sbl__mesh_data {
     sbl__stream_use streams[SBL__STREAMS];
     float *values[SBL__INDICES];
-    uint32_t *corners;           /* three vertex numbers per triangle, counted from the mesh's first vertex */
+    uint32_t *corners;           /* three vertex indices per triangle, relative to the mesh's first vertex */
     int vertex_count, corner_count;
 } sbl__mesh_data;
 
@@ -4504,7 +4506,7 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 
 /* >>geometry: validating */
 
-/* Reports each stream's first component that is not finite (colours: not 0 to 1), and the first index too large. */
+/* Reports, per stream, the first component that is not finite (colours: not 0 to 1), and the first index too large. */
 static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m) {
     int s, i;
     for (s = 0; s < SBL__INDICES; s++) {
@@ -4532,7 +4534,7 @@ static uint32_t sbl__pack_color(const float *two) {
     return (uint32_t)(two[0] * SBL__COLOR_MOST + 0.5f) | (uint32_t)(two[1] * SBL__COLOR_MOST + 0.5f) << 16;
 }
 
-/* Appends a mesh; sbl__mesh_transform adds world positions and normals. Leaves out triangles whose area is 0. */
+/* Appends a mesh, without triangles whose area is 0. Does not set world positions and normals (sbl__mesh_transform). */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
     const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
@@ -4562,7 +4564,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) continue;
-        for (i = 0; i < 3; i++)  /* m->corners is in g->indices, too; only corners already read are overwritten */
+        for (i = 0; i < 3; i++)  /* m->corners lies in g->indices, too; only corners already read are overwritten */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -4571,7 +4573,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     if (colors) g->colored = 1;
 }
 
-/* Reverses the winding of a mesh's triangles, because a reflection has turned their front faces to the back. */
+/* Reverses the winding of a mesh's triangles, because its transform mirrors or no longer mirrors it. */
 static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     int t;
     for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
@@ -4581,18 +4583,18 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     }
 }
 
-/* The absolute value of world coordinates must be below this, so that sums of a few squares do not overflow a float. */
+/* World coordinates must have absolute values below this, so that sums of a few squares do not overflow a float. */
 #define SBL__COORDINATE_MOST 1e18
 
-/* Gives a mesh the transform m, object space to world space, instead of mesh->transform. Returns 1 on success. If a
-   coordinate is not below SBL__COORDINATE_MOST, logs an error and returns 0; mesh->transform is then the old one, but
-   some vertices are transformed. */
+/* Replaces the transform of a mesh by m (object space to world space). Returns 1 on success. If the absolute value of a
+   coordinate is not below SBL__COORDINATE_MOST, logs an error and returns 0; mesh->transform is then unchanged, but
+   some vertices are already transformed. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
     sbl__mesh *mesh = &g->meshes[number];
     const double d = sbl__affine_determinant(m);
     double n[9], column[3][3];
     int v, i, k;
-    /* Normals are transformed by the cofactor matrix n, which is the inverse transpose times the determinant. */
+    /* Normals are transformed by the cofactor matrix n, which is the determinant times the inverse transpose. */
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
     for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
     for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
@@ -4611,7 +4613,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
                          (double)world[0], (double)world[1], (double)world[2]);
                 return 0;
             }
-        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders then use the face's normal */
+        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders replace it by the face normal */
         for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
     if ((d < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
@@ -4641,7 +4643,7 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
     return result;
 }
 
-/* Adds all meshes of a descriptor that has been checked. Does not measure or upload the geometry. */
+/* Adds all meshes of a checked descriptor. Does not measure or upload the geometry. */
 static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, const sbl_scene_desc *desc) {
     double vertices = 0, triangles = 0;
     sbl_result result = SBL_SUCCESS;
@@ -4669,7 +4671,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
         !g->lightmap_texcoords)
         return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) {  /* goes on after mistakes, to log the mistakes of all meshes */
+    for (i = 0; i < desc->mesh_count; i++) {  /* continues after mistakes, so that all meshes are checked */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
         if (mesh == SBL_SUCCESS) continue;
         result = mesh;
@@ -4681,7 +4683,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     return result;
 }
 
-/* Computes the scene's bounds and sizes. drawn: bounds of what the host draws itself; NULL if it draws nothing */
+/* Computes the scene's bounds and sizes. drawn: bounds of the geometry that the host draws itself; NULL: none */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     int i, k;
     g->across = g->away = 0;
@@ -4723,13 +4725,13 @@ static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geomet
     return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
-/* Vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes. */
+/* vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes */
 static const sbl__input sbl__vertex_inputs[] = {
     { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
     { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
 };
 static const sbl__input sbl__attribute_inputs[] = {
-    { 2, 2, SBL__GL_FLOAT, 0, 0, sizeof(sbl__attributes), 12 },  /* u and v, which follow the 12 bytes of the normal */
+    { 2, 2, SBL__GL_FLOAT, 0, 0, sizeof(sbl__attributes), 12 },  /* u and v, after the 12 bytes of the normal */
     { 3, 2, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__attributes), offsetof(sbl__attributes, color_rg) }
 };
 
@@ -4751,7 +4753,7 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Gives a mesh another transform, in the arrays and on the GPU, but does not update the bounds. If sbl__mesh_transform
+/* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
    refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
     const sbl__mesh *mesh = &g->meshes[number];
@@ -4774,7 +4776,7 @@ static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t 
     return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
 }
 
-/* Returns 1 if a triangle is black: the albedo of its material is 0. A texture that makes it black is not noticed. */
+/* Returns 1 if a triangle is black: its material is matte with an albedo of 0. Ignores textures. */
 static int sbl__triangle_is_black(const sbl__geometry *g, uint32_t triangle) {
     const sbl__object *o = sbl__triangle_object(g, triangle);
     return !(sbl__max3(o->albedo) > 0) && o->reflectance < 0;
@@ -4807,16 +4809,16 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   What triangles share: hash tables that find vertices at equal positions and sides with equal ends, union-find groups,
-   and values that spread from neighbour to neighbour on a grid. Callers number vertices and triangles themselves. The
-   number of a side is 3 * triangle + number of the corner, 0 to 2, at which it begins. */
+   How triangles connect: hash tables that find vertices at equal positions and sides with equal ends, union-find, and
+   values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices and triangles. A
+   side is an edge of one triangle; its index is 3 * triangle + the corner, 0 to 2, at which it begins. */
 
 #define SBL__NONE UINT32_MAX
 
-/* Hash table of numbers, with linear probing. Numbers with equal hashes are found in the order of insertion. */
+/* A hash table of integers, with linear probing. Integers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
-    uint32_t *buckets;  /* 1 + number; 0: free */
-    uint32_t mask;      /* number of buckets, which is a power of two, minus 1 */
+    uint32_t *buckets;  /* 1 + integer; 0: the bucket is free */
+    uint32_t mask;      /* number of buckets (a power of two) - 1 */
 } sbl__hash_table;
 
 static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
@@ -4824,7 +4826,7 @@ static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
     t->buckets = NULL;
 }
 
-/* Makes the table empty, with room for `count` numbers. */
+/* Empties the table, and makes it large enough for `count` integers. */
 static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
     uint32_t buckets = 16;
     while (buckets < 2 * count && buckets < 0x80000000u) buckets *= 2;
@@ -4834,8 +4836,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->buckets ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in bucket *bucket & t->mask and increments *bucket. A loop that begins with *bucket = hash gets
-   all numbers with this hash, and some others. If the bucket is free, returns SBL__NONE and does not change *bucket. */
+/* Returns the integer in bucket *bucket & t->mask and increments *bucket. A loop that starts with *bucket = hash gets
+   all integers with this hash, and some others. If the bucket is free, returns SBL__NONE and keeps *bucket. */
 static uint32_t sbl__bucket_next(const sbl__hash_table *t, uint32_t *bucket) {
     const uint32_t found = t->buckets[*bucket & t->mask];
     *bucket += found > 0;
@@ -4846,7 +4848,7 @@ static void sbl__bucket_fill(sbl__hash_table *t, uint32_t bucket, uint32_t numbe
     t->buckets[bucket & t->mask] = number + 1;
 }
 
-/* Returns the first number with this hash for which `same` is true. If there is none, inserts and returns `number`. */
+/* Returns the first integer with this hash for which `same` is true. If none is found, inserts and returns `number`. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
     uint32_t bucket = hash, other;
@@ -4856,7 +4858,7 @@ static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_
     return number;
 }
 
-/* Floats are hashed and compared by value: -0 equals 0. */
+/* Floats are hashed and compared by value, so that -0 equals 0. */
 static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
     int k;
     for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
@@ -4869,8 +4871,8 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Hashes the position of a vertex. Vertices share a position if they belong to one mesh and their positions are
-   equal. */
+/* Hashes the position of a vertex. Vertices share a position if they belong to the same mesh and have equal
+   positions. */
 static uint32_t sbl__position_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
@@ -4880,7 +4882,7 @@ static int sbl__same_position(const void *geometry, uint32_t one, uint32_t other
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* Returns a vertex of a side. which: 0, 1: an end; 2: the opposite corner. corners: 3 welded vertices per triangle */
+/* Returns a vertex of a side. which: 0 or 1: an end; 2: the opposite corner. corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4892,14 +4894,14 @@ static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
     return (a == c && b == d) || (a == d && b == c);
 }
 
-/* Returns the first side with the same ends, in either order. If there is none, inserts and returns `side`. */
+/* Returns the first side with the same two ends, in either order. If none is found, inserts and returns `side`. */
 static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
     const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
     return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
                                  corners);
 }
 
-/* Union-find: returns the root of a number's tree, which is the least number of its group. */
+/* Union-find: returns the root of a number's tree, which is the smallest number of its group. */
 static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
     while (parents[number] != number) number = parents[number] = parents[parents[number]];
     return number;
@@ -4912,25 +4914,25 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread to things of a grid (pixels or texels) that have none. Ring 0 holds the things that
-   have a value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
-   computed from the values of its neighbours in earlier rings. */
+/* >>topology: rings. Values spread over a grid (of pixels or texels) from the things that have one. Ring 0 holds the
+   things that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The value
+   of a thing is computed from its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
 
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: `other` must not get a value from `thing`;
-                                                               `mean` must test this, too. NULL: always 1 */
-    void (*mean)(void *user, int thing);  /* sets the value of `thing` from neighbours that sbl__ring_reached accepts */
+    int (*joined)(const void *user, int thing, int other);  /* 0: `thing` must not pass its value to `other`; `mean`
+                                                               must test this, too. NULL: always 1 */
+    void (*mean)(void *user, int thing);  /* sets a thing's value from neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of the grid */
-    int last;           /* last ring to compute */
-    int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
-    int *queue;         /* things of rings 1 .. last, in the order of the rings; in the memory block of `ring` */
-    int queued;         /* number of things that have been added to the queue */
-    int number;         /* number of the ring that is being computed */
+    int last;           /* index of the last ring to compute */
+    int *ring;          /* ring of each thing; SBL__RING_WAITS: not yet known */
+    int *queue;         /* things of rings 1 .. last, in the order of the rings; same block of memory as `ring` */
+    int queued;         /* number of things added to the queue so far */
+    int number;         /* index of the ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4938,9 +4940,9 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Sets r->count, allocates r->ring and fills it with SBL__RING_WAITS. The caller sets user, joined, mean, width and
-   last; after this call, it sets r->ring of each thing that has a value to 0. waiting: largest number of things that
-   get a value */
+/* Sets r->count, and allocates r->ring, filled with SBL__RING_WAITS. The caller sets user, joined, mean, width and
+   last; then it sets r->ring to 0 for each thing that has a value. waiting: maximum number of other things that get a
+   value */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int waiting) {
     r->count = count;
     r->ring = (int *)sbl__alloc_raw(base, (size_t)count + (size_t)waiting, sizeof *r->ring);
@@ -4954,8 +4956,8 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Returns the next thing of the 3 x 3 block around a thing, itself included, row by row, or -1 at the end. Skips places
-   outside of the grid. *place: 0 before the first call */
+/* Returns the next thing of the 3 x 3 block around a thing (itself included), row by row, or -1 at the end. Skips
+   positions outside the grid. *place: 0 before the first call */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4965,7 +4967,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* Queues those waiting neighbours of a thing that `joined` accepts as the next ring, unless this ring is the last. */
+/* Queues the waiting neighbours of a thing that `joined` accepts, as the next ring. Does nothing in the last ring. */
 static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
@@ -4994,7 +4996,7 @@ static sbl_result sbl__ring_next(void *work, int at) {
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does a piece of the work. Returns SBL_UNFINISHED until all rings up to r->last have values, then SBL_SUCCESS. */
+/* Does a piece of the work. Returns SBL_SUCCESS if all rings up to r->last have values, SBL_UNFINISHED before. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -5006,17 +5008,17 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 /* ====================================================================================================== >>solver
    Solves the normal equations of least-squares problems, for three channels at once, by conjugate gradients with a
    diagonal preconditioner (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing
-   Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
-   of the identity. */
+   Pain"). The matrix is a multiple of the identity plus a sum of terms; the caller's function multiplies a direction by
+   one term. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of iterations */
+#define SBL__SOLVER_ROUNDS 1000  /* maximum number of iterations */
 
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
 /* Scalars of a system (see sbl__solver.together). power, next_power: residual . preconditioned residual, before and
    after an iteration. along: direction . product. first2, left2: squared length of the preconditioned residual, at the
-   start of the solution and after an iteration. turn: factor of the previous direction in the next one */
+   start of the solution and after an iteration. turn: factor of the old direction in the new one (beta) */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
@@ -5025,17 +5027,17 @@ typedef struct sbl__solver {
     void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
     int count;                  /* number of unknowns */
-    int first;                  /* number of the first unknown in the arrays, if they hold several problems; else 0 */
+    int first;                  /* index of the first unknown in the arrays, if they hold several problems; else 0 */
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
-    double identity;            /* factor of the identity in the matrix */
-    double precision2;          /* a system is solved when left2 is at most this times `most2` */
+    double identity;            /* factor of the identity matrix */
+    double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
     double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
-                                   before other equations. Later solutions need not be more accurate than the first */
+                                   when the equations change. Later solutions may be as inaccurate as the first */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
-    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. A channel of an unknown whose
-                                   entry is 0 stays 0 in the solution */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
+                                   stays 0 */
     double *solution;           /* must be 0 at the start */
-    double *residual;           /* must be the right-hand side of the equations at the start */
+    double *residual;           /* at the start, the right-hand side of the equations */
     double *direction, *product;  /* search direction; matrix * direction */
     sbl__solver_sums sums[3];
     int rounds;
@@ -5068,7 +5070,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* Does the current stage, any but SBL__SOLVER_MULTIPLY, for a channel of an unknown. i: its index in the arrays */
+/* Does the current stage, except SBL__SOLVER_MULTIPLY, for one channel of an unknown. i: index in the arrays */
 static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
     const double d = s->diagonal[i];
     double preconditioned, share;
@@ -5102,7 +5104,7 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if all systems are solved. left2: per system, the squared length of the preconditioned residual now */
+/* Returns 1 if all systems are solved. left2: per system, the squared length of the current preconditioned residual */
 static int sbl__solver_is_done(const sbl__solver *s, const double left2[3]) {
     int k, done = 1;
     for (k = 0; k < 3; k++) done &= left2[k] <= s->precision2 * s->most2[k];
@@ -5134,7 +5136,7 @@ static int sbl__solver_after_advance(void *work) {
     return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does a piece of the work. SBL_SUCCESS: solved, or SBL__SOLVER_ROUNDS reached; the next call begins a new solution. */
+/* Does a piece. Returns SBL_SUCCESS when solved or after SBL__SOLVER_ROUNDS; the next call starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
@@ -5153,8 +5155,8 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 
 /* ======================================================================================================== >>textures
    All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures of the format
-   SBL_PIXELS_SRGB8, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
-   follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
+   SBL_PIXELS_SRGB8, and one of 16-bit floats for all others. A texture begins at the start of a row of its table; its
+   texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
@@ -5162,7 +5164,7 @@ typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*entries)[4];    /* per texture: first row in its table, width, height, SBL__TEXTURE flags */
-    float *brightest;          /* per texture: largest r, g or b of its texels; always 1 for SRGB8 in client memory */
+    float *brightest;          /* per texture: largest r, g or b of all texels; always 1 for SRGB8 in client memory */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -5175,11 +5177,11 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
+/* a texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255; sRGB is not decoded. One channel is grey, two are grey and alpha. Without
-   alpha, c[3] is left as it was. */
+/* Reads a pixel. Divides bytes by 255, but does not decode sRGB. One channel is grey, two are grey and alpha. Without
+   alpha, leaves c[3] unchanged. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -5191,8 +5193,8 @@ static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Writes the texels of a texture into its table, and sets s->brightest. copy: NULL, or the linear r g b a read from the
-   host's GL texture. Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
+/* Writes the texels of a texture into its table, and sets s->brightest. copy: linear r g b a from the host's GL
+   texture, or NULL. Copies 8-bit sRGB bytes unchanged; GL decodes them when shaders read. Logs an error and returns
    SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
 static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                     const sbl_texture *t, int number, const float *copy) {
@@ -5237,7 +5239,7 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
     return result;
 }
 
-/* Appends rows for a texture to a texel table, and sets s->entries. Logs and returns an error if it cannot. */
+/* Appends rows for a texture to a texel table, and sets s->entries. Logs an error and returns it on failure. */
 static sbl_result sbl__textures_enter(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
                                       int number) {
     const int most = d->gl.capabilities.max_texture_size;
@@ -5269,7 +5271,7 @@ static sbl_result sbl__textures_enter(sbl__device *d, sbl__textures *s, sbl__tex
     return SBL_SUCCESS;
 }
 
-/* Makes the texel table of one kind, unless no texture is of this kind. kind: 0: 8-bit sRGB, 1: 16-bit floats */
+/* Makes the texel table of one kind, if a texture is of this kind. kind: 0: 8-bit sRGB, 1: 16-bit floats */
 static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc, int kind) {
     const unsigned format = kind ? SBL__GL_RGBA16F : SBL__GL_SRGB8_ALPHA8;
     sbl__texel_table table;
@@ -5295,7 +5297,7 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
     return result;
 }
 
-/* Makes the texel tables for all textures of a descriptor that has been checked. */
+/* Makes the texel tables for all textures of a checked descriptor. */
 static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
     sbl_result result;
     s->count = desc->texture_count;
@@ -5308,8 +5310,8 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
 }
 
 /* ======================================================================================================== >>material
-   How surfaces emit and reflect light, and where they have holes: computed here on the CPU, and in material.glsl by
-   shaders, with equal results. Other rooms only test flags, whether there are holes, and whether a surface is black. */
+   How surfaces emit, reflect and transmit light, and where they have holes: this room computes it on the CPU, and
+   material.glsl in shaders, with equal results. Other rooms test only flags, holes, and whether a surface is black. */
 
 /* Returns 1 unless the object is matte. */
 static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; }
@@ -5317,7 +5319,7 @@ static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; 
 /* Returns 1 if light may pass straight through the object. */
 static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || o->flags & SBL_MATERIAL_BLEND; }
 
-/* Returns a material without reflections through which no light passes. */
+/* Returns the material without its reflections and transmission. */
 static sbl_material sbl__material_matte(const sbl_material *material) {
     sbl_material m = *material;
     m.ior = m.metallic = m.transmission = 0;
@@ -5325,14 +5327,14 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels follow, but not a perfect one. Takes textures as 1 everywhere. */
+/* Returns 1 if the material is a mirror that pixels show, but is too rough for a perfect one. Takes textures as 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
-   the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
+/* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance: the
+   largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const float ior = m->ior > 0 ? m->ior : 1.5f;
     unsigned features = 0;
@@ -5363,7 +5365,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
 
-/* True if two objects differ in more than emission, its texture and its sides, and the texture of normals. */
+/* Returns 1 if two objects differ in more than emission, its texture, its sides, and the normal map. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
@@ -5372,24 +5374,24 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
            memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_GLOSS);
 }
 
-/* Returns the sum of the emitted radiance's three channels, before the texture is applied. */
+/* Returns the sum of the three channels of the emitted radiance, before the texture is applied. */
 static double sbl__emission_sum(const sbl__object *o) { return sbl__sum3(o->emission); }
 
 static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* Returns 1 if an object has no albedo texture and all channels of its albedo exceed SBL__BOUNCE_ALBEDO, to which
-   >>bounce limits them; otherwise 0. Vertex colours are not considered. */
+/* Returns 1 if all channels of an object's albedo exceed SBL__BOUNCE_ALBEDO, to which >>bounce limits them. Returns 0
+   for objects with an albedo texture. Ignores vertex colours. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
+#define SBL__SHARE_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
 
-/* Computes the radiance that a glow reflects without albedo texture and vertex colours. light: R; ignores signs. If the
-   surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
+/* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R, with any signs. If
+   the surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -5398,16 +5400,16 @@ static void sbl__reflect(const sbl__object *o, const float light[3], float radia
     }
 }
 
-/* Packs shares of 0 .. 1 into 16 bits each. */
+/* Packs an albedo of 0 .. 1 per channel into 16 bits each. */
 static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds SBL__SHARE_ONE * (the radiance that a surface reflects) to sum. share: the surface's albedo, packed by
-   sbl__share_pack. light: R at the surface. */
+/* Adds SBL__SHARE_ONE * (radiance that a surface reflects) to sum. share: albedo of the surface, packed by
+   sbl__share_pack. light: R at the surface */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
-    sum[0] += (float)share[0] * light[0];  /* no loop: compilers then keep the sums of callers' loops in registers */
+    sum[0] += (float)share[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
     sum[1] += (float)share[1] * light[1];
     sum[2] += (float)share[2] * light[2];
 }
@@ -5415,7 +5417,7 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lobe[] = {
 "// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and\n",
-"// Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.\n",
+"// Schlick's Fresnel term (1994). reflectance: fraction of light that is reflected along the normal, per colour.\n",
 "// alpha: the squared roughness\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
@@ -5425,14 +5427,14 @@ static const char *const sbl__glsl_lobe[] = {
 "const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,\n",
 "                                             0.0118, 0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);\n",
 "\n",
-"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian\n",
-"// lobe, as a polynomial (error 7e-5).\n",
+"// Returns the fraction of diffuse light that the Fresnel term removes, for a viewer at this cosine: the mean of (1\n",
+"// - V.H)^5 over a Lambertian lobe, as a polynomial (error 7e-5).\n",
 "float sbl_diffuse_lost(float cosine) {\n",
 "    float u = 1.0 - cosine;\n",
 "    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
 "}\n",
 "\n",
-"// Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
+"// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
 "float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
 "\n",
 "float sbl_lobe_row(float roughness) {\n",
@@ -5444,7 +5446,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;\n",
 "}\n",
 "\n",
-"// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.\n",
+"// Returns the directional albedo of the lobe at this cosine, interpolated from sbl__lobe_albedos.\n",
 "vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
 "    float alpha = roughness * roughness, u = 1.0 - cosine;\n",
 "    float x = sbl_lobe_step(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);\n",
@@ -5455,8 +5457,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return reflectance * (share.x - share.y) + share.y;\n",
 "}\n",
 "\n",
-"// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.\n",
-"// opacity: share of the surface that exists\n",
+"// Returns the albedo of a surface, averaged over all directions. opacity: coverage of the surface, 0 to 1\n",
 "vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {\n",
 "    float y = sbl_lobe_row(roughness);\n",
 "    int row = min(int(y), SBL_LOBE_ROWS - 2);\n",
@@ -5465,10 +5466,10 @@ static const char *const sbl__glsl_lobe[] = {
 "    return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);\n",
 "}\n",
 "\n",
-"// A specular lobe. Vectors without \"direction\" in their name are in its frame.\n",
+"// A specular lobe. Vectors without \"direction\" in their name are in the frame of the lobe.\n",
 "struct sbl_Lobe {\n",
-"    mat3 frame;        // columns: x: the direction to the viewer, projected onto the surface; z: the normal\n",
-"    vec3 view;         // to the viewer\n",
+"    mat3 frame;        // columns x: the direction to the viewer, projected onto the surface; z: the normal\n",
+"    vec3 view;         // direction to the viewer\n",
 "    vec3 reflectance;\n",
 "    float alpha;       // 0: a perfect mirror\n",
 "};\n",
@@ -5485,7 +5486,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return l;\n",
 "}\n",
 "\n",
-"// Smith's Lambda for a unit vector.\n",
+"// Returns Smith's Lambda for a unit vector.\n",
 "float sbl_lambda(float alpha, vec3 w) {\n",
 "    vec2 slope = alpha * w.xy / max(abs(w.z), 1e-6);\n",
 "    return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;\n",
@@ -5496,8 +5497,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return reflectance + (1.0 - reflectance) * (x2 * x2 * x);\n",
 "}\n",
 "\n",
-"// Draws a direction from u, a uniform point of the unit square: a visible normal mirrors the view (Dupuy and\n",
-"// Benyoub 2023, \"Sampling Visible GGX Normals with Spherical Caps\"). weight: share of light that is reflected\n",
+"// Samples a direction by mirroring the view at a visible normal (Dupuy and Benyoub 2023, \"Sampling Visible GGX\n",
+"// Normals with Spherical Caps\"). u: uniform point in the unit square. weight: f * cosine / pdf\n",
 "vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {\n",
 "    vec3 v = normalize(vec3(l.alpha * l.view.xy, l.view.z));\n",
 "    float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));\n",
@@ -5511,7 +5512,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return l.frame * w;\n",
 "}\n",
 "\n",
-"// Returns the distribution of normals for the normal that mirrors the view to w. h: that normal\n",
+"// Returns the GGX distribution of normals at the half vector h of w and the view.\n",
 "float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {\n",
 "    float a2 = l.alpha * l.alpha;\n",
 "    h = (w + l.view) / max(length(w + l.view), 1e-30);\n",
@@ -5519,8 +5520,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return a2 / max(SBL_PI * d * d, 1e-37);\n",
 "}\n",
 "\n",
-"// Factor of the lobe for light from a direction, divided by that of R: pi times the lobe's part of f (see ON\n",
-"// REFLECTIONS in sbl.h).\n",
+"// Returns the factor of the lobe for light from a direction, relative to the factor of R: pi times the lobe's part\n",
+"// of f (see ON REFLECTIONS in sbl.h).\n",
 "vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 w = direction * l.frame, h;\n",
 "    if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);\n",
@@ -5529,7 +5530,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));\n",
 "}\n",
 "\n",
-"// Density by solid angle with which sbl_lobe_sample draws a direction.\n",
+"// Returns the pdf, per solid angle, of a direction from sbl_lobe_sample.\n",
 "float sbl_lobe_density(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 h;\n",
 "    if (l.alpha <= 0.0) return SBL_UNBOUNDED;\n",
@@ -5537,24 +5538,26 @@ static const char *const sbl__glsl_lobe[] = {
 "    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
 "}\n",
 "\n",
-"// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides\n",
+"// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
+"// of the triangle; way: vector from the viewer to the point\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
-"    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow\n",
+"    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,\n",
+"                                                       // since the products would underflow\n",
 "    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
 "}\n",
 "\n",
-"const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles\n",
+"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_met on lamps that are not emitting triangles\n",
 "\n",
-"// Share of a lamp's light in a direction that rays of the lobe measure; rays to lamps measure the rest. It is\n",
-"// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.\n",
+"// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It\n",
+"// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.\n",
 "float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
 "\n",
 "#ifdef SBL_LOBE\n",
 "sbl_Lobe lobe;         // the lobe of the look that is measured\n",
-"vec3 lobe_scale;       // 1 / its albedo: the look measures the mean radiance that the lobe reflects\n",
-"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met\n",
+"vec3 lobe_scale;       // 1 / albedo of the lobe: the look measures the mean radiance that the lobe reflects\n",
+"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_met\n",
 "\n",
 "void sbl_lobe_begin(int look, vec3 normal) {\n",
 "    float roughness = sbl_lobe_roughness(look);\n",
@@ -5563,8 +5566,9 @@ static const char *const sbl__glsl_lobe[] = {
 "    lobe_rough = roughness >= SBL_LOBE_ROUGH;\n",
 "}\n",
 "\n",
-"// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine\n",
-"// (Heitz, Dupuy, Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines\").\n",
+"// Returns the matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed\n",
+"// cosine (Heitz, Dupuy, Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed\n",
+"// Cosines\").\n",
 "mat3 sbl_lobe_to_cosine(int look) {\n",
 "    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));\n",
 "    return inverse * transpose(lobe.frame);\n",
@@ -5575,15 +5579,15 @@ static const char *const sbl__glsl_lobe[] = {
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the\n",
-"// flags of a material. >>material in sbl.h does the same on the CPU.\n",
+"// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other\n",
+"// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
-"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so that sbl_outgoing leaves it out\n",
 "#ifdef SBL_SPECULAR\n",
-"float lamp_met = 0.0;      // share of emitters' light that sbl_outgoing adds if lamps_apart, see sbl_lobe_met\n",
+"float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met\n",
 "#endif\n",
 "\n",
-"// Share of the light of emitters that sbl_outgoing adds.\n",
+"// Returns the weight with which sbl_outgoing adds emission.\n",
 "float sbl_lamp_met() {\n",
 "#ifdef SBL_SPECULAR\n",
 "    return lamps_apart ? lamp_met : 1.0;\n",
@@ -5592,20 +5596,20 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// A material at a point, with its textures applied.\n",
+"// A material at a point, with its textures applied\n",
 "struct sbl_Material {\n",
-"    vec3 albedo;       // share of light that the surface reflects; with reflections, the mean over all directions\n",
-"    bool cut_out;      // the point lies in a hole\n",
+"    vec3 albedo;       // albedo; if the surface also has a lobe, the mean over all directions\n",
+"    bool cut_out;      // true: the point lies in a hole\n",
 "#ifdef SBL_SPECULAR\n",
-"    vec3 diffuse;      // albedo of the diffuse part seen along the normal\n",
-"    vec3 reflectance;  // of the specular lobe, seen along the normal\n",
-"    float roughness;   // 0 to 1; a negative value means that the surface is matte\n",
-"    float opacity;     // share of the surface that exists\n",
-"    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected\n",
+"    vec3 diffuse;      // albedo of the diffuse part, seen along the normal\n",
+"    vec3 reflectance;  // reflectance of the specular lobe, seen along the normal\n",
+"    float roughness;   // 0 to 1; negative: the surface is matte\n",
+"    float opacity;     // coverage of the surface at this point, 0 to 1\n",
+"    vec3 clear;        // fraction of light that would pass straight through if the surface reflected nothing\n",
 "#endif\n",
 "};\n",
 "\n",
-"// Share of a surface that exists at a point.\n",
+"// Returns the opacity (coverage) of a surface at a point.\n",
 "float sbl_opacity(int object, sbl_Attributes at) {\n",
 "    float opacity = 1.0;\n",
 "#ifdef SBL_SPECULAR\n",
@@ -5644,8 +5648,8 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors,\n",
-"// which tells their variance if they have the distribution of von Mises and Fisher (Banerjee et al. 2005,\n",
+"// Increases the roughness of a surface if a pixel covers many normals. mean: length of the mean of these unit\n",
+"// vectors, from which their variance follows if they have a von Mises-Fisher distribution (Banerjee et al. 2005,\n",
 "// \"Clustering on the Unit Hypersphere\"). alpha^2 is twice the variance of slopes (Olano and Baker 2010, \"LEAN\n",
 "// Mapping\").\n",
 "void sbl_blur_by_normals(inout sbl_Material m, float mean) {\n",
@@ -5657,7 +5661,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Share of light that passes straight through a surface. cosine: between its normal and the light\n",
+"// Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light\n",
 "vec3 sbl_passing(int object, sbl_Material m, float cosine) {\n",
 "    float reflectance = sbl_object_reflectance(object);\n",
 "    vec3 fresnel = reflectance < 0.0 ? vec3(0) : sbl_fresnel(vec3(reflectance), abs(cosine));\n",
@@ -5665,31 +5669,31 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
+"// Returns false if no point of the object lies in a hole, so that callers need not call sbl_material to find out.\n",
 "bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
 "\n",
-"// True if this is the back of a surface that emits only in front.\n",
+"// Returns true for the back of a surface that emits only from its front.\n",
 "bool sbl_dark_side(int object, bool back) {\n",
 "    return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
 "}\n",
 "\n",
-"// Radiance that one side of a surface emits, before its texture is applied.\n",
+"// Returns the radiance that one side of a surface emits, before the texture is applied.\n",
 "vec3 sbl_emission(int object, bool back) {\n",
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// True if one side of a surface emits light. Does not call sbl_emission: softpipe would show wrong sides.\n",
+"// Returns true if one side of a surface emits light. Does not call sbl_emission: softpipe would confuse the sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
 "}\n",
 "\n",
-"// The factor of sbl_emission at a point: the emission texture and the opacity.\n",
+"// Returns the factor of sbl_emission at a point: emission texture times opacity.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
 "    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// True if sbl_outgoing does not read `at`.\n",
+"// Returns true if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
 "#if !defined(SBL_TEXTURED)\n",
 "    return true;\n",
@@ -5700,8 +5704,8 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and\n",
-"// 2. It is the emission of an emitter, or 0 if lamps_apart; for other surfaces, epsilon times the albedo.\n",
+"// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
+"// and 2. This is the emission of an emitter (0 if lamps_apart), or epsilon * albedo for other surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -5714,11 +5718,11 @@ static const char *const sbl__glsl_material[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Radiance that a surface reflects. light: R at the surface\n",
+"// Returns the radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by the albedo\n",
-"// with which sbl__reflect computed the glow's radiance.\n",
+"// Returns the factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by\n",
+"// the albedo with which sbl__reflect computed the radiance.\n",
 "vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Material m = sbl_material(object, at);\n",
@@ -5731,27 +5735,28 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Radiance that the diffuse part of a surface reflects. light: R at the surface\n",
+"// Returns the radiance that the diffuse part of a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }\n",
 "\n",
-"// Radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the lobe\n",
+"// Returns the radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the\n",
+"// lobe\n",
 "vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {\n",
 "    return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;\n",
 "}\n",
 "\n",
-"// Albedo of the lobe for a viewer at this cosine, not below the limit of the albedo by which sensors divide.\n",
+"// Returns the albedo of the lobe for a viewer at this cosine, but at least SBL_LOBE_LEAST, since it is a divisor.\n",
 "vec3 sbl_lobe_shown(sbl_Material m, float cosine) {\n",
 "    return m.opacity * max(sbl_specular_albedo(m.reflectance, m.roughness, cosine), vec3(SBL_LOBE_LEAST));\n",
 "}\n",
 "\n",
-"// Share of light that a perfect mirror reflects at this cosine.\n",
+"// Returns the fraction of light that a perfect mirror reflects at this cosine.\n",
 "vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }\n",
 "\n",
-"// Albedo of the diffuse part of a surface that a viewer sees at this cosine.\n",
+"// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
 "#endif\n",
 "\n",
-"// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.\n",
+"// Returns the albedo for bounces in the store: limited below 1, so that light fades even in closed white rooms.\n",
 "// tint: factor of the light, see sbl_trace\n",
 "vec3 sbl_bounced(sbl_Material m, vec3 tint) {\n",
 "    return min(tint * clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO), vec3(1));\n",
@@ -5761,11 +5766,11 @@ static const char *const sbl__glsl_material[] = {
 "struct sbl_Bounce {\n",
 "    vec3 direction;\n",
 "    vec3 off;     // unit normal, on the side where the ray starts\n",
-"    vec3 weight;  // factor of the radiance that the ray finds\n",
+"    vec3 weight;  // factor of the radiance that the ray returns\n",
 "};\n",
 "\n",
-"// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if\n",
-"// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square\n",
+"// Samples the direction of light that a surface reflects, with a cosine distribution. across: normal of any\n",
+"// length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square\n",
 "sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
@@ -5774,21 +5779,21 @@ static const char *const sbl__glsl_material[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>environment
-   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene (the
-   host's, or samples of its function). Rays over the hemisphere find the picture's radiance up to a limit. Radiance
-   above it would make their results noisy, so each texel that exceeds it is also a lamp, which emits the excess. */
+   Light from infinity: from the sky, which is constant, and from a picture around the scene (the host's picture, or
+   samples of its function). Rays over the hemisphere see the picture's radiance only up to a limit. Radiance above the
+   limit would make their results noisy, so each texel that exceeds it is also a lamp, which emits the excess. */
 
 #define SBL__SKY_LIMIT 4  /* sbl__environment.limit, in multiples of the picture's mean radiance */
 
 typedef struct sbl__environment {
-    float sky[3];        /* constant radiance from all directions, added to the picture's */
-    float *pixels;       /* radiance of the picture, host's scale included: r g b 0; NULL if there is no picture */
-    int width, height;   /* size of the picture, texels */
+    float sky[3];        /* constant radiance from all directions, added to that of the picture */
+    float *pixels;       /* radiance of the picture, times the host's scale: r g b 0; NULL: no picture */
+    int width, height;   /* size of the picture in texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
-    float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
-    int layer;           /* number of the light group of sky and picture */
-    float brightest;     /* upper limit of the radiance from any direction: the largest component of the sky
-                            plus the largest component of any texel */
+    float limit;         /* radiance (largest component) above which a texel is also a lamp; 0: no picture */
+    int layer;           /* index of the light group of sky and picture */
+    float brightest;     /* upper limit of the radiance from any direction: the largest component of the sky plus the
+                            largest component of any texel */
     sbl__texture texels; /* the picture on the GPU */
 } sbl__environment;
 
@@ -5798,15 +5803,15 @@ static void sbl__environment_free(const sbl__device *d, sbl__environment *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Computes the picture's axes. The shortest rotation that takes +y to the host's `up` is applied to x and z; then both
-   are rotated about `up` by desc->rotation. */
+/* Computes the picture's axes. Applies the shortest rotation that takes +y to the host's `up` to the x and z axes, then
+   rotates both about `up` by desc->rotation. */
 static void sbl__environment_axes(sbl__environment *e, const sbl_environment *desc) {
     const double turn = desc->rotation * SBL__PI / 180;
     double up[3] = { 0, 1, 0 }, x[3] = { 1, 0, 0 }, z[3];
     int k;
     for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
     sbl__normalize(up);
-    if (up[1] > -1 + 1e-9) {  /* if `up` is -y, the rotation is half a turn about the x axis, which keeps x */
+    if (up[1] > -1 + 1e-9) {  /* if `up` is -y, the rotation is by 180 degrees about the x axis, and keeps x */
         x[0] = 1 - up[0] * up[0] / (1 + up[1]);
         x[1] = -up[0];
         x[2] = -up[0] * up[2] / (1 + up[1]);
@@ -5819,7 +5824,7 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
     }
 }
 
-/* World direction of the centre of a texel. sbl_sky_direction in sky.glsl uses the same mapping. */
+/* Computes the world direction of a texel's centre. sbl_sky_direction in sky.glsl uses the same mapping. */
 static void sbl__environment_direction(const sbl__environment *e, int x, int y, double out[3]) {
     const double angle = SBL__PI * (y + 0.5) / e->height, around = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
     int k;
@@ -5827,7 +5832,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is 0. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. Sets c[3] to 0. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -5846,7 +5851,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
     c[3] = 0;
 }
 
-/* Fills e->pixels; computes e->limit and e->brightest. Returns an error if radiance is negative or not finite. */
+/* Fills e->pixels, and computes e->limit and e->brightest. Returns an error if radiance is negative or not finite. */
 static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc) {
     double mean = 0, weights = 0;
     float *c = e->pixels;
@@ -5891,10 +5896,10 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
     return result == SBL_SUCCESS ? sbl__texture_write(d, &e->texels, 0, e->height, e->pixels) : result;
 }
 
-#define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
+#define SBL__FAR 1e29f   /* a ray whose distance exceeds this hit nothing */
 
-/* Computes the radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to
-   the limit; the same as sbl_sky in sky.glsl. direction: unit vector */
+/* Computes the radiance that a ray over the hemisphere sees if it hits nothing: the sky plus the picture up to the
+   limit, as sbl_sky in sky.glsl does. direction: unit vector */
 static void sbl__environment_radiance(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -5922,34 +5927,34 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
-"// The environment (see sbl_environment). Its picture is in equirectangular projection.\n",
+"// The environment (see sbl_environment). The picture has an equirectangular projection.\n",
 "uniform sampler2D sky_picture;\n",
-"uniform vec3 sky;                   // constant radiance from all directions, added to the picture's\n",
+"uniform vec3 sky;                   // constant radiance from all directions, added to that of the picture\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
 "                                    // the excess; 0: no picture\n",
 "\n",
-"// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
+"// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
 "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
 "    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
 "    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
 "}\n",
 "\n",
-"// Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;\n",
-"// z: cosine of the angle between the direction and sky_up\n",
+"// Inverse of sbl_sky_at: returns the world direction for a position in the picture. across: 0 to 1 from left to\n",
+"// right; z: cosine of the angle between the direction and sky_up\n",
 "vec3 sbl_sky_direction(float across, float z) {\n",
 "    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
 "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
 "}\n",
 "\n",
-"// Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.\n",
+"// Returns the fraction of a texel's radiance, 0 to 1, that exceeds the limit, so that lamps.glsl samples it.\n",
 "float sbl_sky_excess(vec3 radiance) {\n",
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Radiance that a ray finds if it hits nothing. met: share of the light that lamps.glsl could sample\n",
-"// which the ray measures instead\n",
+"// Returns the radiance of a ray that hits nothing. met: MIS weight of the ray for radiance above the limit, which\n",
+"// lamps.glsl may sample, too\n",
 "vec3 sbl_sky(vec3 direction, float met) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
@@ -5978,34 +5983,35 @@ static const char *const sbl__glsl_sky[] = {
 
 /* ======================================================================================================== >>bvh
    The bounding volume hierarchy over the scene's triangles, built with the binned surface-area heuristic (Wald 2007,
-   "On fast Construction of SAH-based Bounding Volume Hierarchies"). A node takes two texels, one for each child. Boxes
-   are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
-   in slices, when it is first needed and again after surfaces have changed. */
+   "On fast Construction of SAH-based Bounding Volume Hierarchies"). A node has two texels, one for each child. Boxes
+   are stored as 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
+   in slices, on first use and again after surfaces have changed. */
 
 #define SBL__BVH_BINS 16         /* bins per axis */
-#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; more would collide with SBL__ENTER */
-#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on get halves of equal triangle counts, to limit the depth */
+#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; larger numbers would collide with
+                                    SBL__ENTER */
+#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on are split into halves by count, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
-#define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if all sides of its box are shorter than this many steps
-                                    of the grid around it */
-#define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles of a node that gets its own grid */
-#define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
+#define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if each side of its box is shorter than this many steps
+                                    of the outer grid */
+#define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles in a node that gets its own grid */
+#define SBL__BVH_CHUNK 32        /* triangles per iteration of a loop; makes the loop's overhead negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or SBL__LEAF |
-   (number of triangles - 1) << 28 | number of its first sbl__triangle, or SBL__ENTER | number of a grid record */
+/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index of a node, or SBL__LEAF |
+   (number of triangles - 1) << 28 | index of its first sbl__triangle, or SBL__ENTER | index of a grid record */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid, stored in the place of a node. origin: position of step 0. per_length: steps per unit of length. root: number
-   of its first node. around: number of the outer grid; 0 in the outermost grid, which is number 0 */
+/* A grid, stored in place of a node. origin: position of step 0. per_length: steps per unit of length. root: index of
+   the grid's first node. around: index of the outer grid; 0 in the outermost grid, whose own index is 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have
-   holes, or lets light pass */
+/* The triangles in the order of the leaves. number: the triangle's index in the scene. cutout: 1 if the triangle may
+   have holes or transmit light */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -6016,7 +6022,7 @@ typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
 static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
 
-/* Extends a box so that it contains all coordinates from low to high. */
+/* Extends a box so that it contains all points between low and high. */
 static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -6034,34 +6040,34 @@ static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t t
     for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
 }
 
-/* Returns half the surface area of a box; 0 if it is empty. */
+/* Returns half the surface area of a box, or 0 if the box is empty. */
 static float sbl__box_area(const sbl__box *b) {
     float x = b->high[0] - b->low[0], y = b->high[1] - b->low[1], z = b->high[2] - b->low[2];
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* box: bounds of triangles. centroids: bounds of the centres of the triangles' boxes, with coordinates doubled */
+/* box: bounds of triangles. centroids: bounds of the centres of the triangles' boxes, in doubled coordinates */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. child: number of the element of
-   sbl__bvh.children whose last word receives the node's number */
+/* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
+   element of sbl__bvh.children whose last word receives the index of the node */
 typedef struct sbl__bvh_task {
     int first, count, depth, child;
     sbl__grid_node grid;
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
 
-/* The split of a task's triangles into two parts, one for each child. */
+/* the split of a task's triangles into two parts, one for each child */
 typedef struct sbl__bvh_split {
-    int left;                    /* triangles moved to the first part so far */
-    int axis, bin;               /* the first part ends with this bin along the axis; axis < 0: there is no split */
-    float scale[3];              /* bins per unit of doubled centres; 0: the axis is not split */
+    int left;                    /* number of triangles moved to the first part so far */
+    int axis, bin;               /* the last bin of the first part, and its axis; axis < 0: no split found */
+    float scale[3];              /* bins per unit of doubled centres; 0: the axis cannot be split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
     sbl__bvh_bounds parts[2];
 } sbl__bvh_split;
 
-/* Cost of a node. sum: area of its box * number of nodes and triangles that a ray through the box tests on average */
+/* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
@@ -6071,10 +6077,10 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    uint32_t (*children)[4];     /* elements 2 * n, 2 * n + 1: the children of node n, as in sbl__node */
+    uint32_t (*children)[4];     /* elements 2 * n and 2 * n + 1: the children of node n, as in sbl__node */
     sbl__box *boxes;             /* bounds of each triangle */
     sbl__bvh_work *work;         /* cost of each node */
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; at the start, one for all triangles */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; at first, one task for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
@@ -6085,11 +6091,11 @@ typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* highest sum / area of any node, see sbl__bvh_work */
+    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_work */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* triangles' numbers in the scene, leaf after leaf, or SBL__BVH_DROPPED */
-    sbl__bvh *building;          /* NULL if the hierarchy is not being built */
+    uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
+    sbl__bvh *building;          /* NULL: the hierarchy is not being built */
 } sbl__hierarchy;
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
@@ -6127,7 +6133,7 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first part to the front of the task
+/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves those of the first part to the front of the task
    (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
@@ -6154,7 +6160,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART; if there is none, SBL__BVH_NODE. */
+/* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART, or SBL__BVH_NODE without a split. */
 static int sbl__bvh_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -6182,7 +6188,7 @@ static int sbl__bvh_choose(void *work) {
 
 /* >>bvh: nodes */
 
-/* Converts a box to steps of a grid, rounding outwards. It grows by at least 0.02 steps on each side. */
+/* Converts a box to steps of a grid, rounded outwards. The box grows by at least 0.02 steps on each side. */
 static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -6192,14 +6198,14 @@ static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uin
     }
 }
 
-/* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
+/* Appends a grid over a box, with a margin of one step on each side, in place of the next node. */
 static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
     const int node = h->node_count++;
     sbl__grid_node grid;
     int k;
     for (k = 0; k < 3; k++) {
-        /* A flat box gets some thickness: 1e-4 of its longest side, and at least 8 steps of floats at its place. */
+        /* A flat box gets a thickness: 1e-4 of its longest side, and at least 8 steps of floats at its position. */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
         grid.per_length[k] = (float)(65533 / size);
@@ -6211,7 +6217,7 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     return grid;
 }
 
-/* Compares triangles: the bits of nine coordinates, then the number. */
+/* Compares triangles by the bits of their nine coordinates, then by index. */
 static int sbl__bvh_corner_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     int k = 0;
@@ -6219,8 +6225,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles whose corners equal, in the same order, those of a triangle that has a lower number and no holes. No
-   ray hits such copies, but rays would test them. Reduces t->count. */
+/* Drops triangles whose corners equal, in the same order, those of a triangle with a lower index and without holes. No
+   ray would hit such copies, but rays would test them. Reduces t->count. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -6247,7 +6253,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
 }
 
 /* Begins the top task of the stack: makes the next node a child of its parent, inserts a finer grid between them if the
-   node's box is small in the parent's grid, and empties the bins. Returns SBL__BVH_COSTS if there is no task. */
+   node's box is small in the parent's grid, and empties the bins. Returns SBL__BVH_COSTS if the stack is empty. */
 static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6278,7 +6284,7 @@ static int sbl__bvh_next_task(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the present task after its split. Each part becomes a leaf or a task. */
+/* Writes the node of the current task after its split. Each part becomes a leaf or a new task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -6286,7 +6292,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found: halves. If one triangle is left, part 0 is empty; no ray enters its box */
+    if (!s->left) {  /* no split: uses halves. With one triangle, part 0 is empty, and no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -6349,7 +6355,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a task for all triangles, if there are any. Returns the next stage. */
+/* Begins a task for all triangles, if the scene has any. Returns the next stage. */
 static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6357,8 +6363,8 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid takes the place of node 0, so children[0][3], where this task with child 0 writes the number of its
-           node, is the grid's field `root`. */
+        /* The grid is stored in place of node 0. This task has child 0, so it writes the index of its node to
+           children[0][3], which is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
@@ -6366,7 +6372,7 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Adds a node's sum to its parent's; raises h->cost to at least sum / area. Begins at the end: parents come first. */
+/* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. Goes backwards: parents come first. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6376,8 +6382,8 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements stages.at and following. Advances
-   stages.at. Returns SBL_UNFINISHED until the last piece; then attaches the table. */
+/* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements from stages.at on. Advances
+   stages.at. Returns SBL_UNFINISHED until the last piece, after which it attaches the table. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -6392,7 +6398,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Uploads a piece of the triangles' records, in the order of the leaves. */
+/* Uploads a piece of the records of triangles, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     const sbl__geometry *g = b->geometry;
@@ -6422,7 +6428,7 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
     return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
 }
 
-/* Builds and uploads the hierarchy, in slices. SBL_SUCCESS: it is ready. After an error, the next call begins anew. */
+/* Builds and uploads the hierarchy, in slices. Returns SBL_SUCCESS if it is ready. After an error, a call restarts. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
@@ -6460,18 +6466,18 @@ static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
 "// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record number 0\n",
+"uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record 0\n",
 "uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
 "const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
-"const float SBL_PASSED = 0.9999;     // boxes that a ray leaves before this * sbl_Ray.after are skipped\n",
-"const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place\n",
-"                                     // (Ize 2013, \"Robust BVH Ray Traversal\")\n",
-"const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error\n",
+"const float SBL_PASSED = 0.9999;     // skips boxes that a ray leaves before this * sbl_Ray.after\n",
+"const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last\n",
+"                                     // place (Ize 2013, \"Robust BVH Ray Traversal\")\n",
+"const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error\n",
 "const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
-"// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
+"// Returns the attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
 "#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
@@ -6491,21 +6497,20 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "struct sbl_Hit {\n",
 "    float distance;   // in units of the direction's length\n",
-"    int triangle;     // number in sbl_triangles; negative: nothing was hit\n",
-"    int number;       // the triangle's number in the scene\n",
+"    int triangle;     // index in sbl_triangles; negative: the ray hit nothing\n",
+"    int number;       // index of the triangle in the scene\n",
 "    float b1, b2;     // barycentrics of the second and third corner\n",
 "    bool back;\n",
 "};\n",
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if\n",
-"// the ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The\n",
-"// ray may enter the box exactly at `nearest`: if two triangles lie at the same distance, the ray hits the one\n",
-"// with the lower number. All distances are the bits of floats. As integers, the bits of positive floats have\n",
-"// the same order as the floats, and those of negative floats are negative. per: distance along the ray per\n",
-"// grid step. offset: distance along the ray of the grid's origin. flip: tells for each axis whether the ray's\n",
-"// direction is negative\n",
+"// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the\n",
+"// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may\n",
+"// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index.\n",
+"// All distances are the bits of floats: as integers, the bits of positive floats have the same order as the\n",
+"// floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:\n",
+"// distance along the ray of the grid's origin. flip: for each axis, true if the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -6515,21 +6520,21 @@ static const char *const sbl__glsl_traverse[] = {
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
-"// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the\n",
-"// direction's largest component becomes z, and space is sheared so that the ray follows z.\n",
+"// A ray, prepared for triangle tests that are watertight at shared edges (Woop, Benthin and Wald 2013). The axis\n",
+"// of the direction's largest component becomes z, and space is sheared so that the ray is parallel to z.\n",
 "struct sbl_Ray {\n",
 "    vec3 origin;\n",
 "    int axis;\n",
 "    vec2 shear;\n",
-"    float z, per_z;  // the direction's component along the axis, and its reciprocal\n",
-"    float after;     // hits at a lower distance are ignored\n",
-"    int past;        // hits at the distance `after` are ignored if the triangle's number is at most this\n",
+"    float z, per_z;  // component of the direction along the axis, and its reciprocal\n",
+"    float after;     // hits at a smaller distance are ignored\n",
+"    int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
-"// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,\n",
-"// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
+"// Returns four times the signed area of the triangle that an edge and the ray form. The two equal terms make the\n",
+"// result for (b, a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
 "float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
 "\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
@@ -6544,9 +6549,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
-"    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
-"    // hit nearer than SBL_SELF_DEEP * deep counts only if its distance is larger than the rounding error,\n",
-"    // which is larger for thin triangles.\n",
+"    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the triangle where the ray\n",
+"    // starts. A hit closer than SBL_SELF_DEEP * deep counts only if its distance exceeds the rounding error, which\n",
+"    // is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
 "    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
@@ -6555,8 +6560,8 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// Returns the first hit after (after, past) at a distance below `limit`; if there is none, its triangle is -1.\n",
-"// Hits are ordered by distance and, at the same distance, by the number of their triangle.\n",
+"// Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.\n",
+"// Hits are ordered by distance and, at the same distance, by the index of their triangle.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -6572,9 +6577,10 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.\n",
+"    // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and\n",
+"    // share the counter. On softpipe, these loops do not terminate without a limit.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first\n",
+"        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, first into the nearer child\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, passed, nearest);\n",
@@ -6603,15 +6609,15 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// What a ray does at surfaces that let light pass.\n",
-"const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided\n",
-"                               // by the probability\n",
-"const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light\n",
+"// How a ray interacts with surfaces that transmit light\n",
+"const int SBL_RAY_PATH = 0;    // Russian roulette: the ray passes or stops; sbl_tint is the transmitted fraction\n",
+"                               // divided by the probability\n",
+"const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the transmitted fraction\n",
 "const int SBL_RAY_SOLID = 2;   // the ray stops\n",
 "vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds\n",
 "\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
-"// Returns true if the ray passes the surface that it meets. Multiplies sbl_tint.\n",
+"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint.\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -6629,8 +6635,8 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.\n",
-"// kind: SBL_RAY_PATH and so on\n",
+"// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES), or triangle -1. kind:\n",
+"// SBL_RAY_PATH and so on\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "    bool solid = false;\n",
@@ -6654,19 +6660,19 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Lamps, which sensors send rays to: emitting triangles, lights, and what is too bright for random rays: texels of the
-   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two trees, one of near
-   lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the
-   number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then
-   the lights, then the glows.
+   Sensors send rays to lamps: emitting triangles, lights, and light sources that are too bright for random rays, which
+   are texels of the environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two
+   trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with
+   the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the
+   order of the nodes, then the lights, then the glows.
 
-   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. The sum of
-   the channels of R is about power * cosine / d^2 at distance d; for a distant lamp, it is power * cosine. */
+   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
+   distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
 
 /* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
    square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
-   normal / 2 of one-sided and of distant lamps. beyond: number of the node after the subtree, and SBL__FAR_NODE in the
-   tree of distant lamps. first_leaf: number of the subtree's first leaf */
+   normal / 2 of one-sided and of distant lamps. beyond: index of the node after the subtree; SBL__FAR_NODE is added in
+   the tree of distant lamps. first_leaf: index of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -6674,13 +6680,13 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | number. The number is a triangle's index in the
-   hierarchy's order, the number of a light or of a glow, or a texel's row * width + column. layer: number of the lamp's
-   light group; a glow has all groups, see sbl_lamp_share in lamp.glsl */
+/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | index. The index is that of a triangle in the
+   hierarchy's order, of a light, of a glow, or of a texel (row * width + column). layer: index of the lamp's light
+   group; a glow has light of all groups, see sbl_lamp_share in lamp.glsl */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UINT, layer) X(sbl__lamp_leaf, UVEC2, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
-/* A directional light has the direction towards it as position, and the squared sine of half its angle as radius. At an
+/* For a directional light, position is the direction towards it, and radius the squared sine of half its angle. At an
    angle a to its axis, a spot's intensity is multiplied by clamp(spot_scale * cos a + spot_offset, 0, 1)^2. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
@@ -6688,9 +6694,9 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-/* A triangle that is lit so brightly that it is a lamp. It shines on the side from which its corners run anticlockwise.
-   radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of the triangle of
-   the scene to which it belongs. leaf: number of the store's leaf that holds its light */
+/* A triangle that is lit so brightly that it is a lamp. It emits from the side from which its corners run
+   anticlockwise. radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of the
+   scene's triangle that contains it. leaf: index of the store's leaf that holds its light */
 #define SBL__GLOW(X) \
     X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
     X(sbl__glow, VEC3, corner_1) X(sbl__glow, UINT, leaf) \
@@ -6699,17 +6705,18 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that it is not skipped */
-#define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
-#define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
+#define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
+#define SBL__SPOT_LEAST 0.001         /* smallest difference of the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* size of sbl__lamps.clusters: above 61 (curve bits) + log2(lamps at a place) */
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
+                                         point) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
     sbl__box bounds;
-    float normal[3];           /* unit normal; spot: axis; distant: direction towards it; 0: shines in all directions */
+    float normal[3];           /* unit normal; spot: axis; distant: direction towards it; 0: emits in all directions */
     float power;
     int one_sided, distant;
 } sbl__lamp;
@@ -6723,11 +6730,11 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
     struct sbl__lights *lights;
-    sbl__lamp *list, *sorted;  /* all lamps; the array that the merge sort writes */
+    sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
-    double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
-    int width;                 /* merge sort: length of the sorted runs that are merged now, in lamps */
-    int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
+    double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
+    int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
+    int left, right, out;      /* indices of the next lamps of the two runs, and of the next element of `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees that are not joined yet */
@@ -6739,15 +6746,15 @@ typedef struct sbl__lights {
     int count;
     sbl__glow *glows;
     int glow_count;
-    int only_glows;            /* 1: the trees hold only the glows; 0: all other lamps, too */
-    const float *leaf_layers;  /* sbl__store.layers, from which glows get theirs; NULL: the scene has no light groups */
-    int groups;                /* number of light groups of the scene */
+    int only_glows;            /* 1: the trees hold only the glows; 0: they hold all lamps */
+    const float *leaf_layers;  /* sbl__store.layers, from which the layers of glows are read; NULL: no light groups */
+    int groups;                /* number of light groups in the scene */
     float unit;                /* lamps.glsl divides light by this, so that sums do not overflow: largest radiance,
                                   irradiance of a directional light, or intensity / extent^2 of another light */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* counts of nodes and of leaves, over both trees */
-    int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
+    int nodes, leaves;         /* number of nodes and of leaves in both trees together */
+    int mixed;                 /* 1 if some lamp is not a triangle, or if there are more than SBL__LAMPS lamps */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
 } sbl__lights;
@@ -6769,7 +6776,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* Copies the host's lights, which have been checked; sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
+/* Copies the host's checked lights, and sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6789,7 +6796,7 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
 
 /* >>lamps: collecting */
 
-/* Makes a lamp that shines in all directions, or a distant lamp. middle: its position, or the direction towards it.
+/* Makes a lamp that emits in all directions, or a distant lamp. middle: its position, or the direction towards it.
    around: half the side of its bounds. power: pi * the lamp's power */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
                            int distant) {
@@ -6804,7 +6811,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-/* Makes the lamp of the triangle at an index of the hierarchy's order. If its front emits no light, does nothing. */
+/* Makes the lamp of a triangle. Does nothing if its front emits no light. index: in the hierarchy's order */
 static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[index];
     const sbl__object *object;
@@ -6822,7 +6829,7 @@ static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lam
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
-/* Makes a light's record. position: receives its position, or the direction towards a directional light. */
+/* Makes the record of a light. position: receives its position, or the direction towards a directional light */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double position[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -6900,7 +6907,7 @@ static int sbl__lamps_candidates(void *work) {
     return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
 }
 
-/* Adds candidate `at` to the list of lamps, unless it emits no light or is a texel that does not exceed the limit. */
+/* Adds candidate `at` to the list of lamps, unless it emits no light or is a texel below the limit. */
 static sbl_result sbl__lamps_add(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
@@ -6917,7 +6924,7 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns an upper bound of the number of lamps without glows, for the size of the table. */
+/* Returns an upper limit of the number of lamps, without glows, for the size of the table. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6944,7 +6951,7 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     return curve;
 }
 
-/* Merges runs of l->width lamps, then runs twice as long, until one run is left. The sort is stable. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run remains. The sort is stable. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6964,8 +6971,8 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Returns the lamp at which to split lamps low .. high: the first one in whose curve position the highest differing bit
-   is set. Lamps with equal curve positions are split in the middle. */
+/* Returns the index at which to split lamps low .. high: the first lamp in whose curve position the highest differing
+   bit is set. Lamps with equal curve positions are split in the middle. */
 static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
     if (!differs) return low + (high - low + 1) / 2;
@@ -6978,7 +6985,7 @@ static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     return high;
 }
 
-/* Makes node `at` the root of the subtree of `count` lamps from lamp `first` on. Returns the number of the node after
+/* Makes node `at` the root of the subtree over `count` lamps, from lamp `first` on. Returns the index of the node after
    the subtree. */
 static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     if (!count) return at;
@@ -6987,7 +6994,7 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     return at + 2 * count - 1;
 }
 
-/* Makes the roots of the tree of near lamps and of the tree of distant lamps. The lamps are sorted already. */
+/* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int near_count = 0;
@@ -6998,7 +7005,7 @@ static int sbl__lamps_plant(void *work) {
 
 static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
 
-/* Makes the roots of a node's two subtrees, which follow the node. */
+/* Makes the roots of a node's two subtrees, which follow the node in the array. */
 static sbl_result sbl__lamps_split(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
@@ -7010,11 +7017,11 @@ static sbl_result sbl__lamps_split(void *work, int at) {
 }
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
-    /* axes of the products xx yy zz xy yz zx of sbl__lamp_node */
+    /* axes of the products xx yy zz xy yz zx in sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
-    /* A lamp with one side emits in proportion to max(x, 0) = |x| / 2 + x / 2, where x is the cosine at the lamp. The
-       products below hold the part with |x|, c->front the part with x. */
+    /* A one-sided lamp emits in proportion to max(x, 0) = |x| / 2 + x / 2, where x is the cosine at the lamp. The
+       products below stand for |x| / 2, and c->front for x / 2. */
     const double shown = front ? 0.5 * lamp->power : lamp->power;
     int k;
     c->power = lamp->power;
@@ -7043,8 +7050,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* In a direction w, sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides *
-           sum of shown * n * n^T (Cauchy-Schwarz inequality); `shown` as in sbl__cluster_of_lamp */
+        /* In a direction w, the sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides
+           * the sum of shown * n * n^T (Cauchy-Schwarz inequality). `shown` is that of sbl__cluster_of_lamp */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -7054,8 +7061,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-/* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
-   halves lie on the stack, the left one on top. */
+/* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
+   subtrees are on top of the stack, the left one uppermost. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int number = l->node_count - 1 - at;
@@ -7091,7 +7098,7 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the layer of a lamp that is no glow: the number of its light group. code: see sbl__lamp_leaf */
+/* Returns the index of the light group of a lamp, or 0 if the lamp is a glow. code: see sbl__lamp_leaf */
 static uint32_t sbl__lamp_layer(const sbl__lamps *l, uint32_t code) {
     const uint32_t kind = code >> SBL__LAMP_KIND_SHIFT, at = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (kind == SBL__LAMP_TRIANGLE) return sbl__triangle_object(l->geometry, l->hierarchy->order[at])->layer;
@@ -7099,7 +7106,7 @@ static uint32_t sbl__lamp_layer(const sbl__lamps *l, uint32_t code) {
     return kind == SBL__LAMP_GLOW ? 0 : (uint32_t)l->lights->list[at].light_group;
 }
 
-/* Writes the shares of the light groups in the light of each glow, 4 floats per glow and group. */
+/* Writes, for each glow and light group, the fraction of the glow's light that the group causes, as 4 floats. */
 static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
     int i, g, k;
     for (i = 0; i < l->glow_count; i++, out += 4 * l->groups) {
@@ -7166,7 +7173,8 @@ static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
     sbl__set_float(d, "unit", l->unit);
 }
 
-/* Collects the lamps and builds their trees, in slices. The hierarchy is ready. After an error, a call begins anew. */
+/* Collects the lamps and builds their trees, in slices. The hierarchy must be ready. After an error, a call
+   restarts. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -7197,39 +7205,39 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Holds the bounced light of the scene: R on all surfaces, cell by cell. >>bounce computes it. Sensors read it at the
-   surfaces that they see.
+   Holds the bounced light of the scene: R (irradiance / pi) on all surfaces, cell by cell. >>bounce computes it.
+   Sensors read it at the surfaces that they see.
 
    Surfaces are divided into patches: neighbouring triangles of a mesh that form one smooth surface. A cell is the part
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
-   have the same size, level 0, at first; once there are many, new surfaces get wider cells, of level 1 to 3. Rays that
-   are shorter than half a cell have their own cells. Leaves in which the light varies are divided by further cuts.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). At first,
+   cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. Rays that
+   are shorter than half a cell have cells of their own. Leaves in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
-       position -> cube        /                                                                                  */
+       position -> cube        / */
 
-/* A bucket of the hash grid. check: a second hash of the cell, 0 if the bucket is free. reference: the number of a leaf
-   plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
+/* A bucket of the hash grid. check: a second hash of the cell; 0: the bucket is free. reference: 1 + index of a leaf,
+   or SBL__CELL_CUT + index of a cut, or 0 if the cell has no leaf */
 typedef struct sbl__cell_bucket { uint32_t check, reference; } sbl__cell_bucket;
 
-/* A plane that divides a cell. sides: references, like those of buckets, to the parts where dot(normal, position) is at
-   most `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division);
-   0: because an object stands there */
+/* A plane that divides a cell. sides: references (as in buckets) to the parts where dot(normal, position) is at most
+   `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division); 0:
+   because an object stands there */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UINT, divides) X(sbl__cut, UINT, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R. The low 8 bits of its blue hold the uncertainty. Its red has a minus sign if the leaf is bright: sensors
-   send rays to it (see >>glow). */
+/* light: R (irradiance / pi), RGB. The low 8 bits of the blue float hold the uncertainty. The sign bit of the red float
+   is set if the leaf is bright, so that sensors send rays to it (see >>glow). */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, unused)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
-/* A cell with bright leaves: its patch word, with the level, and its coordinates */
+/* A cell with bright leaves: patch word, including the level, and coordinates */
 typedef struct sbl__bright_cell { uint32_t patch, at[3]; } sbl__bright_cell;
 
 typedef struct sbl__store {
@@ -7237,21 +7245,21 @@ typedef struct sbl__store {
     int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
-    sbl__cell_bucket *cells;     /* buckets of the hash grid, also free ones */
-    int cell_room;             /* number of elements of `cells`: a power of two, or 0 if `cells` is NULL */
+    sbl__cell_bucket *cells;     /* buckets of the hash grid, including free ones */
+    int cell_room;             /* number of buckets: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
-    float *layers;             /* per leaf: the parts of its light that the light groups cause, 3 floats each, as layers
-                                  of light; NULL: the scene has no light groups */
+    float *layers;             /* per leaf and light group: the part of R that the group causes, as 3 floats; NULL: the
+                                  scene has no light groups */
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
-    int unseen_level;          /* lowest level of the cells of surface samples whose rays hit nothing */
-    int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
+    int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
+    int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
     float brightest;           /* largest channel of R in any leaf; set by sbl__store_send */
-    float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
-    int first_cell, first_cut, first_leaf, first_layer;  /* start of each part in the table, in texels of four words */
+    float air[6][3];           /* mean R of surfaces that face +x, -x, +y, -y, +z, -z; for geometry of the host */
+    sbl__table table;          /* patches, cells, cuts and leaves; one table, because texture units are few */
+    int first_cell, first_cut, first_leaf, first_layer;  /* first texel of each part of the table */
 } sbl__store;
 
 static void sbl__store_free(const sbl__device *d, sbl__store *s) {
@@ -7265,11 +7273,11 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty of a leaf, relative to its light: 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the low 8 bits of
-   blue, is 1 to 255; n = 0: unknown. Shaders read these bits as a negligible part of the light. */
+/* >>store: uncertainty. The relative standard error of a leaf's light is 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the
+   low 8 bits of blue, is 1 to 255; n = 0: unknown. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* if blue is smaller than this, the uncertainty is not stored: unknown */
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* where blue is smaller than this, the uncertainty is not stored */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -7278,7 +7286,7 @@ static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the standard error of stored light divided by the light; 0: unknown. */
+/* Returns the standard error of stored light divided by the light, or 0 if it is unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
     const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
     return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
@@ -7286,14 +7294,14 @@ static float sbl__leaf_uncertainty(const float light[3]) {
 
 static int sbl__leaf_is_bright(const float light[3]) { return sbl__float_bits(&light[0]) >> 31 != 0; }
 
-/* >>store: cells. store.glsl finds them in the same way. */
+/* >>store: cells. store.glsl finds cells in the same way. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
     return hash ^ hash >> SBL__HASH_SHIFT;
 }
 
-/* Returns 1 if rays of this length read the cells for near rays; the same as in store.glsl. */
+/* Returns 1 if rays of this length read the cells for near rays, like sbl_is_near in store.glsl. */
 static int sbl__is_near(const sbl__store *s, float distance) { return distance * SBL__NEAR_PART < s->length; }
 
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
@@ -7302,7 +7310,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
 }
 
 /* Computes the coordinates of the cube that contains a position, in the grid of the patch word's level. On a flat
-   patch, the coordinate along its axis is 0. */
+   patch, the coordinate along the patch's axis is 0. */
 static void sbl__cell_at(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -7317,8 +7325,8 @@ static uint32_t sbl__cell_hash(uint32_t patch, const uint32_t at[3]) {
     return sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
 }
 
-/* Finds the bucket of a cell, or else the free bucket that the cell may take; NULL: all buckets in reach hold other
-   cells. check: receives the cell's second hash, which its bucket holds */
+/* Returns the bucket of a cell or, if it has none, the free bucket that it may take, or NULL if all buckets in reach
+   hold other cells. check: receives the second hash of the cell, which its bucket must hold */
 static sbl__cell_bucket *sbl__store_seek(const sbl__store *s, uint32_t patch, const uint32_t at[3], uint32_t *check) {
     const uint32_t hash = sbl__cell_hash(patch, at);
     int i;
@@ -7330,8 +7338,8 @@ static sbl__cell_bucket *sbl__store_seek(const sbl__store *s, uint32_t patch, co
     return NULL;
 }
 
-/* Returns a pointer to the reference in the bucket of a position's cell. A cell without a bucket gets one. NULL: all
-   buckets in reach hold other cells. */
+/* Returns a pointer to the reference in the bucket of the cell at a position. Gives the cell a bucket if it has none.
+   Returns NULL if all buckets in reach hold other cells. */
 static uint32_t *sbl__store_bucket(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], check;
     sbl__cell_bucket *bucket;
@@ -7341,13 +7349,13 @@ static uint32_t *sbl__store_bucket(const sbl__store *s, uint32_t patch, const fl
     return bucket ? &bucket->reference : NULL;
 }
 
-/* Returns the reference on the side of a cut where a position lies. */
+/* Returns a pointer to the reference of that side of a cut on which a position lies. */
 static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_bucket, but follows cuts, so that the reference is 1 + number of the leaf at the position, or 0.
-   *depth: receives the number of cuts followed. The pointer is valid until a cut is added. */
+/* Like sbl__store_bucket, but descends through cuts. Returns a pointer to the leaf reference at the position (1 + leaf
+   index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -7355,8 +7363,8 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1 if a position is seen from afar: by
-   a ray of at least half a level-0 cell. side: patch word of a triangle's side, with level 0 */
+/* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
+   sbl__is_near). side: patch word of a triangle's side, with level 0 */
 static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
@@ -7370,7 +7378,7 @@ static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float
     return bucket && bucket->check == check ? bucket->reference : 0;
 }
 
-/* Returns 1 + the number of the leaf that sbl_leaf_at finds at a position seen from afar, or 0 if there is none. */
+/* Returns 1 + the index of the leaf that sbl_leaf_at finds at a position for rays that are not near; 0: no leaf. */
 static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
     uint32_t reference = 0;
     int i;
@@ -7382,7 +7390,7 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
     return reference;
 }
 
-/* Makes a reference lead to a new cut. side: the side that gets the reference's previous value; the other gets 0 */
+/* Makes a reference lead to a new cut. side: the side that gets the reference's old value; the other side gets 0 */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -7398,29 +7406,29 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* >>store: patches. Triangles of a mesh are joined where they meet at a small angle, at edges with equal positions. */
+/* >>store: patches. Triangles of a mesh are joined at edges with equal positions, if the angle between them is
+   small. */
 
-#define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
-#define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* sbl__patching.least if pool is 1, in areas of a cell if growth is 1 */
+#define SBL__PATCH_SMOOTH 0.8   /* smallest cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999  /* smallest cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25   /* value of sbl__patching.least if pool is 1, in cell areas for growth 1 */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
 typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table positions, ends;  /* find vertices by their positions, and triangles' sides by their ends */
-    uint32_t *welded;              /* for each vertex, the first one of its mesh at its position */
+    sbl__hash_table positions, ends;  /* find vertices by their positions, and sides by their ends */
+    uint32_t *welded;              /* for each vertex, the first vertex of its mesh at its position */
     uint32_t *corners;             /* three welded vertices per triangle */
-    uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
-    double area;                   /* area of all triangles not hidden from sensors, world units squared */
-    double reflecting;             /* the part of `area` that belongs to triangles that reflect light */
-    double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
-                                      squared */
+    uint32_t *parents;             /* union-find parents of triangles (sbl__root); the root identifies a patch */
+    sbl__patch *patches;           /* one element per triangle; a patch is stored at the index of its root */
+    double area;                   /* area of all triangles not hidden from sensors, in world units squared */
+    double reflecting;             /* the part of `area` that reflects light */
+    double least;                  /* smaller patches are joined into one patch per mesh; in world units squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
-    double pool;                   /* factor of `least`. It is multiplied by the same factors as `growth`,
-                                      except that it is not reduced while it is above 1 */
+    double pool;                   /* factor of `least`. It is multiplied by the same factors as `growth`, but is not
+                                      reduced while it exceeds 1 */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -7467,7 +7475,7 @@ static sbl_result sbl__patch_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a triangle to its patch's bounds and, unless hidden from sensors, to the areas. Tests if the patch is flat. */
+/* Adds a triangle to its patch's bounds and, if sensors can see it, to the areas. Tests if the patch is flat. */
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -7477,7 +7485,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
-    if (triangle == root) {  /* A root has the smallest number in its patch, so the stage visits it first. */
+    if (triangle == root) {  /* The root has the smallest index in its patch, so the stage visits it first. */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
         patch->bounds = sbl__box_empty;
@@ -7494,8 +7502,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle's front: number of the patch (small patches of a mesh share one), axis of the
-   normal's largest component, SBL__PATCH_FLAT if the patch is flat and shares no number, and SBL__PATCH_BACK if that
+/* Returns the patch word of a triangle's front: index of the patch (small patches of a mesh share one), axis of the
+   normal's largest component, SBL__PATCH_FLAT if the patch is flat and shares no index, and SBL__PATCH_BACK if that
    component is negative. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
@@ -7523,7 +7531,7 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 
 /* >>store: on the GPU */
 
-/* Writes the layers of all leaves into the table's buffer, a texel each. */
+/* Writes the layers of all leaves into the table's buffer, one texel per layer. */
 static sbl_result sbl__store_send_layers(const sbl__device *d, const sbl__store *s, int groups) {
     const size_t texels = (size_t)groups * (size_t)s->leaf_count;
     float *data = (float *)sbl__alloc(d->base, texels, 16);
@@ -7535,7 +7543,7 @@ static sbl_result sbl__store_send_layers(const sbl__device *d, const sbl__store 
     return SBL_SUCCESS;
 }
 
-/* groups: number of light groups of the scene */
+/* Sends the store to the GPU. groups: number of light groups in the scene */
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl__geometry *g, int groups) {
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
@@ -7584,21 +7592,22 @@ static const char *const sbl__glsl_frame[] = {
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
 "}\n",
 "\n",
-"// Maps a uniform point u of the unit square to a cosine-distributed direction over the hemisphere about the\n",
-"// frame's third column.\n",
+"// Maps a point u, uniformly distributed in the unit square, to a cosine-distributed direction in the hemisphere\n",
+"// about the frame's third column.\n",
 "vec3 sbl_by_cosine(mat3 frame, vec2 u) {\n",
 "    float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;\n",
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
 "}\n",
 "\n",
-"// Returns the unit vector of the interpolated normal or, if that is too short, `face`.\n",
+"// Returns the normalised interpolated normal or, if it is too short, `face`.\n",
 "vec3 sbl_unit_normal(vec3 normal, vec3 face) {\n",
 "    float length2 = dot(normal, normal);\n",
 "    return length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
 "}\n",
 "\n",
-"// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that turns away from the viewer\n",
-"// would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
+"// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that points away from the\n",
+"// viewer would aim the sensor at its own surface, so its cosine is kept above SBL_GRAZING. direction: viewer to\n",
+"// surface\n",
 "vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    normal = sbl_unit_normal(normal, face);\n",
 "    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;\n",
@@ -7611,9 +7620,9 @@ static const char *const sbl__glsl_frame[] = {
 
 /* >>glsl store: shaders_embedded/store.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_store[] = {
-"// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
+"// The store of bounced light (see >>store in sbl.h): R (irradiance / pi) on surfaces, in cells.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
+"// The table sbl_store holds the patch words of all triangles, the hash table of cells, the cuts, and the leaves.\n",
 "uniform int first_cell;    // texel at which the hash table begins; each texel holds two buckets (check, reference)\n",
 "uniform int cell_mask;     // number of buckets in the hash table - 1\n",
 "uniform vec3 cell_origin;  // origin of the grid of cells\n",
@@ -7628,8 +7637,8 @@ static const char *const sbl__glsl_store[] = {
 "// Returns true if rays of this length read the cells for near rays.\n",
 "bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }\n",
 "\n",
-"// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
-"// back: the back side is seen. distance: distance from which the position is seen.\n",
+"// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.\n",
+"// back: the ray sees the back of the triangle. distance: length of the ray that sees the position\n",
 "int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
 "    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));\n",
@@ -7639,7 +7648,8 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    // Each level has cells for near and for far rays. Those for this distance are tried first.\n",
+"    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits\n",
+"    // `distance`.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
@@ -7664,12 +7674,12 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// Returns R of a leaf; 0 if there is none. leaf: what sbl_leaf_at returns\n",
+"// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the R that lamps.glsl measures at a position: R of the leaf that rays from afar read there, if it is\n",
-"// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters; becomes that leaf, 0 if it is not\n",
-"// bright\n",
+"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf that far rays read at this\n",
+"// position, if this leaf is bright, otherwise 0. leaf: result of sbl_leaf_at for the same parameters; it becomes\n",
+"// the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
 "    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
@@ -7680,16 +7690,16 @@ static const char *const sbl__glsl_store[] = {
 "}\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
-"uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin, one texel per leaf and layer\n",
+"uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin; one texel per leaf and layer\n",
 "\n",
-"// Returns the part of a leaf's R that a light group causes; 0 if there is no leaf. leaf: what sbl_leaf_at returns\n",
+"// Returns the part of a leaf's R that a light group causes, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_layer_of(int leaf, int layer) {\n",
 "    int texel = first_layer + (leaf - 1) * SBL_GROUPS + layer;\n",
 "    return leaf == 0 ? vec3(0) : uintBitsToFloat(sbl_fetch(sbl_store, texel).xyz);\n",
 "}\n",
 "#endif\n",
 "\n",
-"// Returns R at a position. The parameters are those of sbl_leaf_at.\n",
+"// Returns the stored R at a position. The parameters are those of sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -7698,7 +7708,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The scene: all rooms above, and what the host draws itself. */
+   The scene: all rooms above, and the geometry that the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;
@@ -7707,24 +7717,24 @@ typedef struct sbl__scene {
     sbl__lights lights;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* the store's glows and, unless only_glows, the lamps of `lights`; no glows: empty */
-    struct sbl__glowing *glowing;  /* data for finding the glows; NULL if that is not in progress */
+    sbl__lights bright;         /* the store's glows and, unless only_glows, the lamps of `lights`; or empty */
+    struct sbl__glowing *glowing;  /* data for finding the glows; NULL: not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
-    float draw_brightest;       /* desc.draw_max_radiance, by default 1: limit of the radiance that the host draws */
+    float draw_brightest;       /* desc.draw_max_radiance (default 1): limit of the radiance that the host draws */
     int material_count;
     int light_groups;           /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS */
-    float brightest;            /* upper limit of the radiance of emission, environment, and what the host draws */
-    unsigned features;          /* bits: features that programs need for the scene */
+    float brightest;            /* upper limit of the radiance of emission, environment, and the host's own geometry */
+    unsigned features;          /* bits: features that programs need for this scene */
     uint32_t version;           /* changes with every change of the scene */
-    uint32_t surfaces;          /* changes with every change of the scene except those of emission and lights */
+    uint32_t surfaces;          /* changes with every change of the scene that affects more than emission and lights */
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
-/* Measured limits of scenes whose light is correct up to rounding errors: least and largest diagonal, world units;
-   largest absolute coordinate, in diagonals. Beyond them, sbl__scene_warn logs a warning. */
+/* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
+   units; largest absolute coordinate, in diagonals. sbl__scene_warn logs a warning beyond them. */
 #define SBL__ACROSS_LEAST 5e-10
 #define SBL__ACROSS_MOST 6e9
 #define SBL__AWAY_MOST 4e3
@@ -7741,7 +7751,8 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Writes all materials into their meshes' objects; computes s->brightest and the materials' bits of s->features. */
+/* Writes all materials into their meshes' objects. Computes s->brightest and the bits of s->features that materials
+   determine. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
@@ -7749,21 +7760,22 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++) {
         sbl_material m = materials[s->geometry.meshes[i].material];
-        if (s->draw) m = sbl__material_matte(&m);  /* G-buffers that the host draws to have no lobes */
+        if (s->draw) m = sbl__material_matte(&m);  /* the host writes no lobes into the G-buffers that it draws to */
         s->features |= sbl__material_write(&s->textures, &m, &s->geometry.objects[i], &s->brightest);
     }
 }
 
-/* Default limit of the store's leaves (the interface's cells): PER_TRIANGLE for each triangle, since fine geometry
-   needs fine cells, but at least LEAST and at most MOST. */
+/* Default limit of the number of leaves of the store (the interface calls them cells): PER_TRIANGLE for each triangle,
+   since fine geometry needs fine cells, but at least LEAST and at most MOST. */
 #define SBL__STORE_PER_TRIANGLE 1.5
 #define SBL__STORE_LEAST 49152
 #define SBL__STORE_MOST 196608
-#define SBL__STORE_TEXELS 8        /* largest number of texels per leaf in the store's table, with cells and cuts */
+#define SBL__STORE_TEXELS 8        /* maximum number of texels per leaf in the store's table, including cells and
+                                      cuts */
 
-/* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. In buffer
-   textures, lowers s->store.max_leaves to what they hold, at least 1024. Returns an error if a table exceeds the limit
-   for 2D textures, too, or if s->brightest is above SBL__RADIANCE_MOST. */
+/* Chooses buffer textures for the tables or, if a table exceeds the driver's limit for these, 2D textures. With buffer
+   textures, limits s->store.max_leaves to what fits, but not below 1024. Returns an error if a table exceeds the limit
+   of 2D textures, too, or if s->brightest exceeds SBL__RADIANCE_MOST. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -7796,7 +7808,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Logs warnings about valid scenes that are probably mistakes. */
+/* Logs warnings about valid scenes that probably contain a mistake. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double shining = s->brightest;
@@ -7814,7 +7826,8 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
                  "origin, where floats are too coarse; move it to the origin", g->across, g->away);
 }
 
-/* Checks desc; makes all but hierarchy, lamps and store, which are made when first needed. On failure, s is empty. */
+/* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
+   empty. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     int i;
     sbl_result result = sbl__check_scene(d, desc);
@@ -7853,19 +7866,19 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* Returns the lamps that sensors measure. glows: 1: s->bright if it is ready and has glows, otherwise s->lights */
+/* Returns the lamps that sensors measure. glows: 1: s->bright if it is ready and has glows; otherwise s->lights */
 static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
     return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
 }
 
-/* Frees the glows, which are found again when next needed. */
+/* Frees the glows. They are found again on next use. */
 static void sbl__scene_glows_changed(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
     s->glowing = NULL;
     sbl__lights_free(d, &s->bright);
 }
 
-/* Marks lamps and store as out of date. They are made again when next needed. */
+/* Marks lamps and store as out of date. They are made again on next use. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
@@ -7883,7 +7896,7 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_lamps_changed(d, s);
 }
 
-/* Replaces all materials and all lights, whose counts stay the same; NULL keeps them. On failure nothing changes. */
+/* Replaces all materials and all lights; NULL keeps them. Their counts stay the same. On failure, changes nothing. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
     const size_t count = (size_t)s->geometry.mesh_count;
@@ -7926,7 +7939,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
-/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing changes. Other errors: it gets its former one. */
+/* Replaces the transform of a mesh. On SBL_ERROR_INVALID_ARGUMENT, changes nothing. On other errors, restores the old
+   transform. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
     float before[16];
     sbl_result result;
@@ -7940,7 +7954,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     return result;
 }
 
-/* Makes the hierarchy and the lamps, in slices. SBL_SUCCESS: both are ready. */
+/* Makes the hierarchy and the lamps, in slices. Returns SBL_SUCCESS if both are ready. */
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
     if (result == SBL_SUCCESS)
@@ -7958,13 +7972,14 @@ static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
 
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_scene[] = {
-"// The scene's triangles and textures.\n",
-"uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle\n",
-"uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column\n",
-"                                     // n % width of the table, n / width rows below the texture's first row.\n",
-"uniform sampler2D sbl_texels_float;  // texel table, 16-bit floats, of all textures that are not 8-bit sRGB\n",
+"// The triangles and textures of the scene\n",
+"uniform sbl_Texels sbl_indices;      // three vertex indices per triangle\n",
+"uniform sampler2D sbl_texels_srgb;   // texels of all 8-bit sRGB textures, one after the other. Texel n of a\n",
+"                                     // texture is in column n % width of the table, n / width rows below the\n",
+"                                     // texture's first row\n",
+"uniform sampler2D sbl_texels_float;  // texels of all other textures, as 16-bit floats\n",
 "\n",
-"// Vertex numbers of a triangle of the scene.\n",
+"// Returns the vertex indices of a triangle of the scene.\n",
 "ivec3 sbl_corners(int triangle) {\n",
 "    return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
 "                 int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
@@ -7979,7 +7994,8 @@ static const char *const sbl__glsl_scene[] = {
 "vec4 sbl_texel(uvec4 entry, ivec2 at) {\n",
 "    ivec2 size = ivec2(entry.yz);\n",
 "    if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
-"    at = clamp(at, ivec2(0), size - 1);  // also for far repeats: the quotient above may be rounded up\n",
+"    at = clamp(at, ivec2(0), size - 1);  // needed for textures that repeat, too: the quotient above may be rounded\n",
+"                                         // up\n",
 "    bool srgb = (entry.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
 "    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
@@ -7987,8 +8003,8 @@ static const char *const sbl__glsl_scene[] = {
 "    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
-"// Reads a texture with bilinear filtering of linear values. entry: first row in the texel table, width, height,\n",
-"// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
+"// Samples a texture bilinearly, in linear colour space. entry: first row in the table of texels, width, height,\n",
+"// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel\n",
 "vec4 sbl_texture(uvec4 entry, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -8010,22 +8026,23 @@ static const char *const sbl__glsl_scene[] = {
 
 /* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_surface[] = {
-"// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a\n",
-"// large clipped triangle lie off its plane, so that a sensor there would see its own surface.\n",
+"// Computes surface points from a triangle's index and a ray. The rasteriser would interpolate positions that lie\n",
+"// off the plane of a large clipped triangle, and a sensor there would see its own surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // smallest of the triangle's three heights, world units\n",
+"    float facet;                              // smallest of the triangle's three heights, in world units\n",
 "    float reach;                              // world distance of the first corner from 0 0 0, plus twice the\n",
-"                                              // longest side; rounding errors are in proportion to it\n",
+"                                              // longest side; rounding errors are proportional to it\n",
 "    uint id;\n",
 "    int object;\n",
 "    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"// Least distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because views\n",
-"// need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the extent.\n",
+"// Smallest distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because\n",
+"// views need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the\n",
+"// extent.\n",
 "const float SBL_INSET = 6e-6;\n",
 "\n",
 "sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
@@ -8037,8 +8054,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
-"// A triangle: vertex numbers, first corner, and the edges from there. size: largest absolute value of the edges'\n",
-"// components. s1, s2: edges divided by size, so that their cross product does not underflow\n",
+"// A triangle: vertex indices, first corner, and the two edges from there. size: largest absolute value of the\n",
+"// edges' components. s1, s2: edges divided by size, so that their cross product does not underflow\n",
 "struct sbl_Facet {\n",
 "    ivec3 v;\n",
 "    vec3 p0, e1, e2, s1, s2;\n",
@@ -8053,13 +8070,14 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)\n",
-"const float SBL_TANGENT_LEAST = 1e-6;  // least length of the x axis of tangent space before it is normalised\n",
-"const int SBL_NORMAL_POINTS = 8;  // largest number of points per side of a pixel at which normals are read\n",
-"vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates from one pixel to the next\n",
-"                                            // along x and y; 0: normals are read at one point\n",
+"const float SBL_TANGENT_LEAST = 1e-6;  // smallest length of the x axis of tangent space that can be normalised\n",
+"const int SBL_NORMAL_POINTS = 8;  // maximum number of points per side of a pixel at which the normal map is\n",
+"                                  // sampled\n",
+"vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates between adjacent pixels along x\n",
+"                                            // and y; 0: the normal map is sampled at one point\n",
 "\n",
-"// Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter\n",
-"// than 1 if these vectors differ.\n",
+"// Returns the mean of the unit normals that a normal map shows in the pixel around uv. The mean is shorter than 1\n",
+"// if the normals differ.\n",
 "vec3 sbl_normal_texel(int object, vec2 uv) {\n",
 "    uvec4 entry = sbl_object_normal_texture(object);\n",
 "    vec2 size = vec2(entry.yz);\n",
@@ -8075,8 +8093,9 @@ static const char *const sbl__glsl_surface[] = {
 "    return sum / float(points.x * points.y);\n",
 "}\n",
 "\n",
-"// Returns v, a vector of tangent space, in world space. normal: axis z of tangent space. Axis x points where the\n",
-"// first texture coordinate increases, y where the second decreases. If x is not defined, returns the normal.\n",
+"// Transforms v from tangent space to world space. normal: z axis of tangent space. The x axis points where the\n",
+"// first texture coordinate increases, y where the second decreases. Returns the normal if the x axis is not\n",
+"// defined.\n",
 "vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {\n",
 "    vec2 uv[3];\n",
 "    for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));\n",
@@ -8094,18 +8113,19 @@ static const char *const sbl__glsl_surface[] = {
 "    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;\n",
 "}\n",
 "\n",
-"// Returns the normal of a surface that has a texture of normals. It points to the same side as the interpolated\n",
-"// normal. normal: interpolated normal, of any length; mean: result of sbl_normal_texel\n",
+"// Returns the normal-mapped shading normal, not normalised, at least SBL_GRAZING above the triangle's plane, on\n",
+"// the side that the interpolated normal points to. normal: interpolated normal, of any length; face: unit\n",
+"// geometric normal; mean: result of sbl_normal_texel\n",
 "vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {\n",
 "    normal = sbl_unit_normal(normal, face);\n",
 "    vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));\n",
 "    vec3 side = dot(normal, face) < 0.0 ? -face : face;\n",
-"    float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface\n",
+"    float below = SBL_GRAZING - dot(tilted, side);  // positive: the normal points below the surface\n",
 "    return tilted + max(below, 0.0) * side;\n",
 "}\n",
 "#endif\n",
 "\n",
-"// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
+"// Returns the surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
 "sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
 "    float b0 = 1.0 - b1 - b2;\n",
@@ -8114,13 +8134,13 @@ static const char *const sbl__glsl_surface[] = {
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
 "    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
-"    // shorter vectors are scaled first, because their squared length may underflow in normalize\n",
+"    // short vectors are scaled first, because their squared length may underflow in normalize\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
-"    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of\n",
-"    // the other surface, and see past it.\n",
+"    // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the\n",
+"    // other surface, and see past it.\n",
 "    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
 "    for (int k = 0; k < 3; k++) {\n",
 "        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
@@ -8147,15 +8167,15 @@ static const char *const sbl__glsl_surface[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"// Barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule (Moeller and\n",
-"// Trumbore 1997). z: 0 if the ray does not meet the plane.\n",
+"// Returns barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule\n",
+"// (Moeller and Trumbore 1997). z: 0 if the ray does not meet the plane\n",
 "vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    return vec3(dot(t, h) / determinant, dot(direction, q) / determinant, abs(determinant) > 0.0 ? 1 : 0);\n",
 "}\n",
 "\n",
-"// The surface point where a ray meets a triangle.\n",
+"// Returns the surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 on_plane = sbl_on_plane(f, origin, direction);\n",
@@ -8165,7 +8185,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)\n",
-"// Texture coordinates where a ray meets a triangle's plane.\n",
+"// Returns the texture coordinates where a ray meets a triangle's plane.\n",
 "vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {\n",
 "    vec3 b = sbl_on_plane(f, origin, direction);\n",
 "    return b.z == 0.0 ? vec2(0) : sbl_mix_attributes(f.v, vec3(1.0 - b.x - b.y, b.xy)).uv;\n",
@@ -8173,7 +8193,7 @@ static const char *const sbl__glsl_surface[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
+"// Returns the surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
@@ -8186,15 +8206,15 @@ static const char *const sbl__glsl_surface[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>glow
-   Finds the glows: the parts of surfaces that reflect so much light that sensors send rays to them, as they do to
-   lamps. A room that is lit by a spot of light on its ceiling gets nearly all its light from a small place, which few
-   of the rays over the hemisphere find. >>bounce chooses the bright leaves of the store. Here, the triangles of the
-   scene are clipped by the cells of these leaves and by the cuts in them, so that glows cover exactly the places where
-   rays from afar read bright leaves. Each glow has the leaf's light, times the albedo of the surface; shaders leave
-   this light out where rays over the hemisphere find it (sbl_glowing in store.glsl). */
+   Finds the glows: parts of surfaces that reflect so much light that sensors send rays to them, as they do to lamps. In
+   a room that is lit by a spot of light on its ceiling, nearly all light comes from this small spot, and few of the
+   rays over the hemisphere hit it. >>bounce chooses the bright leaves of the store. This room clips the scene's
+   triangles by the cells of these leaves and by the cuts in them, so that glows cover exactly the surfaces where far
+   rays read bright leaves. A glow emits the leaf's light times the albedo of the surface. Where rays over the
+   hemisphere see a glow, shaders leave this light out (sbl_glowing in store.glsl). */
 
-#define SBL__GLOWS_MOST 4096       /* maximum number of glows; above it, the darkest bright leaves become ordinary */
-#define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further ones are dropped */
+#define SBL__GLOWS_MOST 4096       /* maximum number of glows; beyond it, the darkest leaves are no longer bright */
+#define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further corners are dropped */
 #define SBL__GLOW_LEAST 1e-5       /* a glow is dropped if its area is less than this * the smaller of two areas: its
                                       triangle's, and that of one face of its cell's cube */
 
@@ -8204,13 +8224,13 @@ typedef struct sbl__glowing {
     sbl__stages stages;
     sbl__device *device;
     sbl__scene *scene;
-    int room;                        /* number of elements allocated for scene->bright.glows */
+    int room;                        /* capacity of scene->bright.glows, in elements */
     uint32_t index, patch;           /* current triangle's index in the hierarchy's order; patch word of its side */
     const sbl__bright_cell *cell;    /* the current cell */
-    double area;                     /* glows with a smaller area, in square world units, are dropped */
+    double area;                     /* glows of smaller area are dropped; in square world units */
 } sbl__glowing;
 
-/* Returns a cell's patch word without SBL__PATCH_NEAR and the level: the patch word of the triangle sides in it. */
+/* Returns the patch word of a cell without SBL__PATCH_NEAR and level: that of the triangle sides in the cell. */
 static uint32_t sbl__side_of_patch(uint32_t patch) {
     return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
 }
@@ -8248,7 +8268,8 @@ static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], doub
     }
 }
 
-/* Makes glows of a polygon in one leaf: the triangles of a fan that are not small; none if the leaf is not bright. */
+/* Makes glows of a polygon that lies in one leaf: a fan of triangles, without small ones. Makes none if the leaf is not
+   bright. */
 static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf) {
     sbl__scene *s = w->scene;
     sbl__lights *l = &s->bright;
@@ -8284,9 +8305,9 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     return SBL_SUCCESS;
 }
 
-/* Divides a polygon in a cube of level 0 among the leaves that sbl_leaf_at finds there from afar. Makes glows of its
-   parts in leaves of the current cell. middle: a position in the cube. attempt: number of the next attempt, see
-   sbl__patch_from_afar. reference: what the attempts before it have found; 0: nothing */
+/* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for far rays. Makes glows of
+   its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
+   sbl__patch_from_afar. reference: result of the attempts before it; 0: they found nothing */
 static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
                                  uint32_t reference) {
     const sbl__store *s = &w->scene->store;
@@ -8376,7 +8397,7 @@ static int sbl__glow_sides(void *work) {
     return 2 * w->scene->hierarchy.triangle_count;
 }
 
-/* Makes the glows of one side of a triangle. at: 2 * the triangle's index in the hierarchy's order; + 1: its back */
+/* Makes the glows of one side of a triangle. at: 2 * the triangle's index in the hierarchy's order, + 1 for its back */
 static sbl_result sbl__glow_side(void *work, int at) {
     sbl__glowing *w = (sbl__glowing *)work;
     const sbl__store *s = &w->scene->store;
@@ -8386,7 +8407,7 @@ static sbl_result sbl__glow_side(void *work, int at) {
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     w->index = (uint32_t)(at / 2);
     w->patch = s->patches[number] ^ (at & 1 ? SBL__PATCH_BACK : 0);
-    while (low < high) {  /* find the first cell of this side */
+    while (low < high) {  /* finds the first cell of this side */
         const int middle = (low + high) / 2;
         if (sbl__side_of_patch(s->bright[middle].patch) < w->patch) low = middle + 1;
         else high = middle;
@@ -8399,7 +8420,8 @@ static sbl_result sbl__glow_side(void *work, int at) {
 }
 
 /* Makes the darkest bright leaves ordinary, and drops their glows, until at most SBL__GLOWS_MOST glows remain and the
-   driver's buffer textures have room for them. If glows were dropped and the store is ready, sends it to GL again. */
+   driver's buffer textures have room for them. If glows were dropped and the store is ready, sends the store to GL
+   again. */
 static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     sbl__glowing *w = (sbl__glowing *)work;
     sbl__scene *s = w->scene;
@@ -8448,8 +8470,8 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
 }
 
 /* Makes s->bright, in slices: the glows of a store whose light is known, and lamp trees. Does nothing if the store has
-   no bright cells or if s->bright is ready with the same `only`. The hierarchy and s->lights must be ready. An error
-   frees s->bright. only: 1: the trees hold only glows; 0: glows and all other lamps of the scene */
+   no bright cells, or if s->bright is ready with the same `only`. The hierarchy and s->lights must be ready. Frees
+   s->bright on an error. only: 1: the trees hold only glows; 0: they hold all lamps of the scene */
 static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
@@ -8467,16 +8489,16 @@ static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__s
 }
 
 /* ====================================================================================================== >>options
-   The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
-   In functions that check a descriptor, d has its defaults filled in. */
+   The options that all front ends share, and the descriptor of each front end, with its defaults and checks. In
+   functions that check a descriptor, its defaults have been filled in. */
 
-/* Returns the preset as an index. A number out of range, which the checks refuse later, counts as the default. */
+/* Returns the preset as an index. Returns the default for invalid values, which the checks refuse later. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
 
 /* Fills in the defaults of the options. rays, sizes: default of o->rays and of o->sensor_size for each preset. If rays
-   is NULL, o->rays is not changed; if it is 0, the target error decides how many rays are traced */
+   is NULL, o->rays stays as it is; o->rays = 0 means that the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
@@ -8488,8 +8510,8 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER; rays: least and greatest options.rays, which may also be 0; host_draws: the scene
-   has a draw callback */
+/* papers: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0. host_draws: 1: the scene has
+   a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
@@ -8529,17 +8551,17 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
-/* What the host requests of a front end's sensors. */
+/* How a front end's sensors measure, as the host requests it */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; a negative epsilon is 0. sbl__begin replaces SBL_BACKEND_AUTO */
+    sbl_options options;       /* with defaults; negative epsilons are set to 0. sbl__begin replaces SBL_BACKEND_AUTO */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* rays per look, and maximum number of looks per site; used if options.rays is 0 */
+    int look_rays, looks;      /* rays per look, and maximum number of looks per site; only used if options.rays is 0 */
     int every_ray;             /* 0: if all light comes from lamps, trace at most SBL__TRACE_CHUNK rays over the
                                   hemisphere, because they only measure distances and back faces. 1: trace all rays */
 } sbl__measurement;
 
-/* Returns the measurement that options, with defaults, request. The fields from look_rays on are 0. */
+/* Returns the measurement that options with defaults request. Its fields from look_rays on are 0. */
 static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
     sbl__measurement m;
     memset(&m, 0, sizeof m);
@@ -8599,22 +8621,22 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-#define SBL__MAX_SIZE 16384     /* greatest width and height of a picture or lightmap, in working pixels */
+#define SBL__MAX_SIZE 16384     /* maximum width and height of a picture or lightmap, in working pixels */
 
-/* A window of a picture or lightmap. The working grid is the window plus a margin, up to the edges of first-level tiles
-   or of the picture, so that windows fit together. Errors of pixels that the filter and anti-aliasing read count, too.
-   All sizes and positions are x and y in working pixels. */
+/* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
+   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
+   anti-aliasing read. All sizes and positions are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
-    int first[2], size[2];      /* the working grid: its first pixel in the whole picture, and its size */
-    int inset[2], shown[2];     /* the window: its first pixel in the working grid, and its size */
-    int margin;                 /* errors count up to this many pixels outside of the window */
+    int first[2], size[2];      /* the working grid: position in the whole picture, and size */
+    int inset[2], shown[2];     /* the window: position in the working grid, and size */
+    int margin;                 /* errors count up to this many pixels outside the window */
 } sbl__window;
 
-#define SBL__WINDOW_SAMPLES 2   /* largest distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
 
-/* Computes the window of a descriptor that has been checked; without one, the whole picture. */
+/* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
 static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     sbl__window w;
     int k;
@@ -8623,7 +8645,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
-        /* number of first-level tiles from the edge of the whole picture to the end of the working grid */
+        /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
         const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;
         w.first[k] = SBL__MAX(from - w.margin, 0) / d->tile * d->tile;
         w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
@@ -8633,7 +8655,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     return w;
 }
 
-/* Returns the descriptor of the working grid: its size, and the part of the projection that it sees. */
+/* Returns the descriptor of the working grid: its size, and its part of the projection. */
 static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
     sbl_picture_desc part = *d;
     float *m = part.view_to_clip;
@@ -8641,7 +8663,7 @@ static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__w
     part.width = w->size[0];
     part.height = w->size[1];
     for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
-        /* scale and shift normalized device coordinates, in which y points up */
+        /* scales and shifts normalised device coordinates, in which y points up */
         const double scale = (double)w->whole[k] / w->size[k];
         const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
         for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
@@ -8653,7 +8675,7 @@ static int sbl__window_is_whole(const sbl__window *w) {
     return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
 }
 
-/* Returns 1 if pixel (x, y) of the working grid lies in the window, or at most `margin` pixels outside of it. */
+/* Returns 1 if pixel (x, y) of the working grid is in the window, or at most `margin` pixels outside it. */
 static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
     return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
            y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
@@ -8662,8 +8684,8 @@ static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
 /* Returns 1 if the window shows pixel (x, y) of the working grid. */
 static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
 
-/* Returns 1 if the error of pixel (x, y) of the working grid counts. This is so if the window shows the pixel, or if
-   the filter or anti-aliasing may read it for a pixel that the window shows. */
+/* Returns 1 if the error of pixel (x, y) of the working grid counts: the window shows the pixel, or the filter or
+   anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
 /* what: "picture" or "map", for the message */
@@ -8705,7 +8727,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     return sbl__check_end(&check);
 }
 
-/* Checks that a bake that asks for light groups can have them. field: the field that asks */
+/* Checks that light groups, which a descriptor requests, can be measured. field: the field that requests them */
 static void sbl__check_groups(sbl__check *check, const char *field, const sbl_options *options,
                               const sbl__scene *scene) {
     if (!scene->light_groups)
@@ -8723,7 +8745,8 @@ static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
            d->width <= most / d->supersample && d->height <= most / d->supersample;
 }
 
-/* Returns a picture's descriptor, with defaults, for refining a lightmap: its size times supersample, if that fits. */
+/* Returns the descriptor, with defaults, of the picture that refines a lightmap: its size is the lightmap's times
+   supersample, if that fits. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     const int across = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
@@ -8828,16 +8851,17 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
     return d;
 }
 
-#define SBL__SITES_NAMED 16  /* maximum number of wrong sites or probes that are named; the others are only counted */
+#define SBL__SITES_NAMED 16  /* maximum number of wrong sites or probes that are reported one by one; further ones are
+                                counted */
 
-/* Ends the check of a list: makes later messages name the descriptor, `where`, again. If the number of wrong things,
-   `wrong`, is above SBL__SITES_NAMED, reports how many were not named. things: what the list holds, in the plural */
+/* Ends the check of a list. Later messages name the descriptor, `where`, again. If `wrong`, the number of wrong
+   elements, exceeds SBL__SITES_NAMED, reports the number of the rest. things: plural of an element's name */
 static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
     if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
 }
 
-/* Returns 1 if the site is valid, otherwise 0, and then reports its mistakes if `named` is 1. */
+/* Returns 1 if the site is valid. Otherwise returns 0, and reports the mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
@@ -8923,7 +8947,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
 
 /* >>options: probes */
 
-/* Returns the number of points of a grid: 0 if one of its sizes is below 1; INT_MAX if an int cannot hold it. */
+/* Returns the number of points of a grid, 0 if one of its sizes is below 1, or INT_MAX if an int cannot hold it. */
 static int sbl__grid_count(const int grid[3]) {
     double count = 1;
     int k;
@@ -8993,22 +9017,22 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>atlas
-   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. Of all triangles that touch the
-   texel's square, the texel shows the point that is nearest to its centre; if several are equally near, that of the
-   first triangle. Triangles that share a corner, with the same position and the same lightmap coordinates, belong to
-   one chart. */
+   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. Among all triangles that touch the
+   texel's square, the texel shows the point nearest to its centre; among equally near points, that of the first
+   triangle. Triangles that share a corner, with the same position and the same lightmap coordinates, belong to one
+   chart. */
 
-/* Words of a texel in sbl__atlas.texels: 1 + triangle number (0: none), barycentric weights of corners 1 and 2 as
-   floats, 1 + chart number. */
+/* Words of a texel in sbl__atlas.texels: 1 + triangle index (0: none); barycentric weights of corners 1 and 2, as
+   floats; 1 + chart index */
 #define SBL__ATLAS_WORDS 4
-#define SBL__ATLAS_FAR 1e30f    /* stands for the squared distance of a texel that shows no triangle yet */
-#define SBL__ATLAS_WELL -1.0f   /* in place of a distance: the texel's centre lies well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* in place of a distance: the texel's centre lies in the triangle, near an edge */
-#define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this share of its length */
-#define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
-/* If a texel's centre is not well inside its triangle, the point that the texel shows is moved towards the triangle's
-   centroid by SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Without this, sensors
-   at the edge of a wall would stand inside the adjoining wall. */
+#define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
+#define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, near an edge */
+#define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this * its length */
+#define SBL__ATLAS_INSIDE 1e-3  /* a point lies well inside if all its barycentric weights are at least this */
+/* If a texel's centre is not well inside its triangle, the point that the texel shows is moved towards the centroid by
+   SBL__ATLAS_INSET texels, but at most by the fraction SBL__ATLAS_INSET_MOST of the way. Otherwise sensors at the edge
+   of a wall would stand inside the adjoining wall. */
 #define SBL__ATLAS_INSET 0.02
 #define SBL__ATLAS_INSET_MOST 0.01
 
@@ -9022,7 +9046,8 @@ typedef struct sbl__atlas {
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
     int row;                    /* next row to draw of the current triangle; 0: the triangle is not begun */
-    uint32_t *parents;          /* per vertex: parent (see sbl__root), then number of its chart; NULL after drawing */
+    uint32_t *parents;          /* per vertex: while charts are joined, its union-find parent (sbl__root); then the
+                                   index of its chart. NULL after drawing */
     sbl__hash_table positions;  /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
@@ -9030,8 +9055,10 @@ typedef struct sbl__atlas {
                                    number of triangles that overlap it there, see sbl__atlas_others */
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the baked triangles, in the world and in square texels */
-    int overlapping, outside;   /* numbers of texels where triangles overlap; of triangles with a corner off the map */
-    int triangles, degenerate;  /* numbers of baked triangles; of those with area in the world but not in the map */
+    int overlapping, outside;   /* number of texels where triangles overlap; number of triangles with a corner off the
+                                   map */
+    int triangles, degenerate;  /* number of baked triangles; number of those with area in the world, but not in the
+                                   map */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -9043,7 +9070,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Chooses the meshes that are baked, by their checked indices; if there are none, all lightmapped meshes. */
+/* Chooses the meshes to bake, given by checked indices. If count is 0, chooses all lightmapped meshes. */
 static sbl_result sbl__atlas_choose(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const int *meshes,
                                     int count) {
     int i;
@@ -9087,7 +9114,7 @@ static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     return sbl__same_position(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
 }
 
-/* Joins a vertex of a baked mesh with the mesh's first vertex that has its position and its lightmap coordinates. */
+/* Joins a vertex of a baked mesh to the mesh's first vertex with the same position and lightmap coordinates. */
 static sbl_result sbl__atlas_weld(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     const sbl__geometry *g = a->geometry;
@@ -9108,8 +9135,8 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Replaces a vertex's parent by the number of its chart. A parent precedes its children in the order of vertices, so
-   the children find the chart's number in the parent's element. */
+/* Replaces a vertex's parent by the index of its chart. A parent precedes its children in the order of vertices, so the
+   children find the chart's index in the parent's element. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
@@ -9121,9 +9148,9 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 /* >>atlas: texels */
 
 typedef struct sbl__atlas_triangle {
-    double corners[3][2];  /* positions in the whole map, texels */
-    double area;           /* twice the signed area, square texels */
-    uint32_t number, chart;  /* chart: SBL__NONE if the triangle is loaded after the atlas is drawn */
+    double corners[3][2];  /* positions in the whole map, in texels */
+    double area;           /* twice the signed area, in square texels */
+    uint32_t number, chart;  /* chart: SBL__NONE if the triangle is loaded after the atlas was drawn */
     int rows[2];           /* first and last row of the working grid that the triangle touches, as rows of the map;
                               none: last < first */
 } sbl__atlas_triangle;
@@ -9174,8 +9201,8 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
     sbl__atlas_span(a, 0, low, high, columns);
 }
 
-/* Gets the barycentric weights of the point of a triangle that is nearest to `centre`, which is in texels. Returns the
-   squared distance in texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains `centre`. */
+/* Gets the barycentric weights of a triangle's point nearest to `centre`, in texels. Returns the squared distance in
+   texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains `centre`. */
 static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
     double least = DBL_MAX;
     int i, k, inside = t->area != 0, well = 1;
@@ -9220,14 +9247,14 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns how many triangles overlap the one that a texel shows, at the texel's centre. A triangle of the same chart
-   counts only if the centre lies well inside both. */
+/* Returns how many triangles overlap the triangle that a texel shows, at the texel's centre. A triangle of the same
+   chart counts only if the centre lies well inside both. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts a texel of the window when a first triangle overlaps the one that it shows; warns once. triangle: the
-   overlapping one. at: place of the texel in the map */
+/* Counts a texel of the window when its first overlap is found, and warns about the first such texel. triangle: the
+   overlapping triangle. at: position of the texel in the map */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, const int at[2], size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -9241,13 +9268,14 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, const int 
              (int)triangle - g->meshes[mesh].first_triangle, mesh, at[0] / a->across, at[1] / a->across);
 }
 
-/* Returns the number of the texel in a column and a row of the map. */
+/* Returns the index of the texel in a column and a row of the map. */
 static size_t sbl__atlas_index(const sbl__atlas *a, const int at[2]) {
     return (size_t)(at[1] - a->window.first[1]) * (size_t)a->width + (size_t)(at[0] - a->window.first[0]);
 }
 
-/* Makes the texel in column at[0] of row at[1] of the map show triangle t if t is nearer to the texel's centre than the
-   triangle shown so far. If both contain the centre and overlap (see sbl__atlas_others), only counts the overlap. */
+/* Makes the texel in column at[0] and row at[1] of the map show triangle t if t is nearer to the texel's centre than
+   the triangle shown so far. If both contain the centre and overlap (see sbl__atlas_others), only counts the
+   overlap. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = sbl__atlas_index(a, at);
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -9255,7 +9283,8 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is whole, EDGE - n not */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is an integer, ATLAS_EDGE -
+                                                                              n is not */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, at, i);
@@ -9272,7 +9301,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     texel[3] = t->chart + 1;
 }
 
-/* Counts the triangle if a corner is more than half a texel outside of the map; warns of the first such triangle. */
+/* Counts the triangle if a corner is more than half a texel outside the map. Warns about the first such triangle. */
 static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int *size = a->window.whole, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
@@ -9287,7 +9316,7 @@ static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
              outside[0] / size[0], outside[1] / size[1]);
 }
 
-/* Returns 1 if a triangle has no area in the map, apart from rounding: it is a line or a point. */
+/* Returns 1 if a triangle has no area in the map, except for rounding: it is a line or a point. */
 static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
     double longest2 = 0;
     int i;
@@ -9298,7 +9327,7 @@ static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
     return fabs(t->area) <= SBL__ATLAS_LINE * longest2;
 }
 
-/* Draws the rows of a triangle from a->row on. Returns SBL_UNFINISHED if the slice ends before the last row. */
+/* Draws the rows of a triangle, from a->row on. Returns SBL_UNFINISHED if the slice ends before the last row. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
@@ -9322,12 +9351,13 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
     return SBL_SUCCESS;
 }
 
-/* Returns the mean width of a texel in world units; 0 if no triangle covers any area of the map. */
+/* Returns the mean width of a texel in world units, or 0 if the triangles have no area in the map. */
 static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
-/* Logs how many triangles have no area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if all have none. */
+/* Logs the number of triangles without area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if no triangle has
+   area in the map. */
 static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
     const int none = a->degenerate == a->triangles;
     if (!a->degenerate) return SBL_SUCCESS;
@@ -9356,11 +9386,12 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     return sbl__atlas_tell_degenerate(a);
 }
 
-/* The triangles that a texel and its neighbours of the same chart show, and the part of the texel around them. */
+/* The triangles that a texel and its neighbours of the same chart show, and the part of the texel that they may
+   cover */
 typedef struct sbl__atlas_square {
     sbl__atlas_triangle triangles[9];
     int count;
-    double low[2], high[2];  /* the texel's square, cut off at the triangles' bounds; positions in texels */
+    double low[2], high[2];  /* the texel's square, clipped to the triangles' bounds; positions in texels */
 } sbl__atlas_square;
 
 static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
@@ -9389,8 +9420,8 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
     }
 }
 
-/* Computes position number i of a sequence that is even over the square's rectangle, in x, and in y (see sbl__r2).
-   Returns the triangle there and the position's barycentric weights, or SBL__NONE if no triangle contains it. */
+/* Computes position i of a sequence that is even over the square's rectangle, in x, and in y (see sbl__r2). Returns the
+   triangle there and the position's barycentric weights, or SBL__NONE if no triangle contains the position. */
 static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
     double u[2], at[2];
     int k, n;
@@ -9408,7 +9439,8 @@ static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weigh
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
-/* Draws the atlas in slices. Returns SBL_UNFINISHED until all is drawn, then sbl__atlas_tell_degenerate's result. */
+/* Draws the atlas in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
+   sbl__atlas_tell_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
@@ -9425,61 +9457,63 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
    host draws its own geometry. A lightmap has one G-buffer; the atlas gives the triangles and their points.
 
        triangles --visibility--> triangle per pixel --gbuffer--> position, normals, albedo, emission, id
-         atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
+         atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_LOBE, SBL__GBUFFER_COUNT };
 
-/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; what follows needs fewer. A picture of which
-   some materials are not matte also has LOBES, from which refinement reads LOBE. */
+/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; later work needs fewer. A picture with
+   materials that are not matte also has LOBES, and refinement reads LOBE. */
 #define SBL__GBUFFER_LOBES (1 << SBL__GBUFFER_SPECULAR | 1 << SBL__GBUFFER_LOBE)
 #define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_SPECULAR) - 1)
-#define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* what >>resolve reads */
-#define SBL__GBUFFER_TEXEL (SBL__GBUFFER_SAMPLE & ~(1 << SBL__GBUFFER_EMISSION))  /* what a lightmap needs */
+#define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* textures that >>resolve
+                                                                                           reads */
+#define SBL__GBUFFER_TEXEL (SBL__GBUFFER_SAMPLE & ~(1 << SBL__GBUFFER_EMISSION))  /* textures that a lightmap needs */
 
-/* A texture that the G-buffer does not have has no id, and its output is lost. */
+/* A texture that is missing in the G-buffer has the id 0, and GL discards the output to it. */
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 typedef struct sbl__camera {
     double eye[3];             /* origin of view space, in world space */
-    double right[3], up[3], back[3];  /* axes of view space in world space, unit vectors */
+    double right[3], up[3], back[3];  /* axes of view space in world space: unit vectors */
     float world_to_view[16], view_to_clip[16];
     int orthographic;
     double nearest, farthest;  /* orthographic: distances along the view direction where depth is 1 and 0 */
     float depth_scale;         /* perspective: depth is depth_scale / w */
-    float facet_limit;         /* see sbl_picture_desc; 0: all facets get their shading normal */
+    float facet_limit;         /* see sbl_picture_desc; 0: all triangles get their shading normal */
 } sbl__camera;
 
-/* A request to draw a G-buffer. */
+/* a request to draw a G-buffer */
 typedef struct sbl__surface_job {
     const sbl__scene *scene;
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
-    int sample;                /* number of the anti-aliasing sample, from 0; -1: the pixels' centres */
-    float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
+    int sample;                /* index of the anti-aliasing sample; -1: the pixels' centres */
+    float offset[2];           /* position of the sample relative to the pixel's centre, in pixels */
     float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
-    int bounced;               /* 1: also store R of bounced light, see gbuffer_fragment.glsl */
+    int bounced;               /* 1: also write the stored R (bounced light), see gbuffer_fragment.glsl */
     int has_lobes;             /* 1: the G-buffer has the textures SBL__GBUFFER_LOBES; 0: all surfaces are matte */
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_job;
 
 /* State of drawing a G-buffer. The textures are kept for the next G-buffer. */
 typedef struct sbl__surface {
-    sbl__stages stages;        /* stages.at: number of the next triangle or row */
+    sbl__stages stages;        /* stages.at: index of the next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
-    int row;                   /* first row of the band in progress; each band draws all triangles again */
+    int row;                   /* first row of the current band; each band draws all triangles again */
     sbl__texture triangles, depth;
     sbl__target visibility;
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
 #define SBL__DEPTH_SHARE 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows; a draw covers at most a band: triangles may be large */
-#define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
+#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows. A draw covers at most a band, because triangles may be
+                                      large */
+#define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle in addition to its pixels, in pixels */
 
-/* Makes those textures of a set that the G-buffer does not have yet, and deletes the others. depth: see
-   sbl__target_make. set: bits, see SBL__GBUFFER_ALL */
+/* Makes the missing textures of a set, and deletes the textures outside of it. depth: see sbl__target_make. set: bits,
+   see SBL__GBUFFER_ALL */
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
                                     const sbl__texture *depth, int set) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
@@ -9515,7 +9549,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* Makes a camera. desc: its matrices are checked already */
+/* Makes a camera. desc: its matrices have been checked */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -9538,7 +9572,8 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
 }
 
 /* Sets world_to_view so that the scene is seen from the front (+z), a little from the right and from above. A symmetric
-   perspective shows the whole scene; an orthographic one shows what view_to_clip covers around the scene's centre. */
+   perspective shows the whole scene; an orthographic one shows the part around the scene's centre that view_to_clip
+   covers. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
@@ -9556,8 +9591,8 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
-/* Gets view_to_clip for drawing the G-buffer: with the sample at `offset` (pixels) moved to the pixel's centre, the top
-   row first, and reversed depth. */
+/* Gets view_to_clip for drawing the G-buffer, with the top row first and with reversed depth. It moves the sample at
+   `offset` (in pixels) to the pixel's centre. */
 static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const sbl__target *t, float out[16]) {
     const float *m = c->view_to_clip;
     int k;
@@ -9576,7 +9611,8 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// Rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's position.\n",
+"// Returns rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's\n",
+"// position.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -9585,7 +9621,7 @@ static const char *const sbl__glsl_camera[] = {
 0 };
 /* <<glsl */
 
-/* Sets the uniforms of camera.glsl, so that it computes the rays through the samples at `offset`. */
+/* Sets the uniforms of camera.glsl for the rays through the samples at `offset`. */
 static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2], const sbl__target *t) {
     static const char *const names[6] = { "origin_0", "origin_x", "origin_y",
                                           "direction_0", "direction_x", "direction_y" };
@@ -9593,10 +9629,10 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3;  /* index in names of what varies with the pixel: origin or direction */
+    const int moving = c->orthographic ? 0 : 3;  /* index in names of the vector that varies with the pixel */
     const int still = 3 - moving;
-    /* x and y, in view space, of the ray through gl_FragCoord 0 0. Orthographic: of its origin; perspective: of its
-       direction at unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
+    /* x and y, in view space, for gl_FragCoord 0 0. Orthographic: of the ray's origin; perspective: of its direction at
+       unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -9618,7 +9654,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
 static const char *const sbl__glsl_visibility_vertex[] = {
 "// Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at the far end.\n",
 "uniform vec3 eye;\n",
-"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip space, for positions relative to the eye\n",
+"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of the matrix from world to clip space, for positions\n",
+"                                              // relative to the eye\n",
 "flat out int triangle;\n",
 "\n",
 "void main() {\n",
@@ -9635,10 +9672,10 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"// For drivers without clip control. Above 0 (perspective): depth = depth_from_w * gl_FragCoord.w.\n",
-"// 0 (orthographic): depth = 2 * gl_FragCoord.z - 1\n",
+"// For drivers without clip control. Above 0 (perspective): depth = depth_from_w * gl_FragCoord.w; 0\n",
+"// (orthographic): depth = 2 * gl_FragCoord.z - 1\n",
 "uniform float depth_from_w;\n",
-"layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
+"layout(location = 0) out uint out_triangle;  // 1 + index of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_CUTOUTS\n",
@@ -9661,10 +9698,10 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* sbl__triangle_pixels cuts off parts of a triangle where clip w < this * largest w */
+#define SBL__BEFORE_CAMERA 1e-3  /* sbl__triangle_pixels clips triangles where clip w < this * their largest w */
 
-/* Estimates the number of pixels that a triangle covers in the band: half the area that the triangle's bounding
-   rectangle has there, without parts behind the camera. band: x, y, width, height in pixels; rows: clip_x to clip_w of
+/* Estimates the number of pixels that a triangle covers in the band: half the area of its bounding rectangle in the
+   band, without parts behind the camera. band: x, y, width, height in pixels; rows: clip_x to clip_w of
    visibility_vertex.glsl */
 static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], float rows[4][4], uint32_t triangle) {
     const double *eye = s->job->camera->eye;
@@ -9683,7 +9720,8 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* extend from .. to by corner a, if in front, and by where edge ab is cut */
+        for (k = 0; k < 2; k++) {  /* extends from .. to by corner a, if in front, and by the point where edge ab is
+                                      cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -9696,7 +9734,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Draws as many triangles into the band as the slice has time for. The first call clears the target. */
+/* Draws as many triangles into the band as the slice allows. The first call clears the target. */
 static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
@@ -9743,10 +9781,11 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 
 /* >>glsl gbuffer_fragment: shaders_embedded/gbuffer_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_gbuffer_fragment[] = {
-"// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
+"// Computes the surface points that the camera's pixels or the texels of a lightmap show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels; 0: not used. Triangles whose least height, seen face-on, is below it get\n",
-"                               // the geometric normal, above twice it the shading normal, in between a mixture\n",
+"uniform float facet_limit;     // in pixels; 0: not used. Triangles whose smallest height, seen face-on, is below\n",
+"                               // it get the geometric normal, above twice it the shading normal, in between a\n",
+"                               // mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -9755,15 +9794,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces\n",
-"layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none\n",
-"layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe\n",
+"layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe\n",
+"layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no\n",
+"                                             // lobe\n",
 "#endif\n",
-"// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no\n",
-"// sensor may stand, w of normal is -1 - red.\n",
+"// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. On surfaces\n",
+"// with SBL_NO_SENSORS, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R over 5 x 5 points in about one cell, without the points where R is 0. Used\n",
-"// where no sensor may stand, because there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. It is used on\n",
+"// surfaces without sensors, which would smooth R. points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -9780,21 +9820,22 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres\n",
-"uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored\n",
-"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow moves that point by this from turn to turn\n",
-"const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
-"const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes\n",
+"uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
+"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
+"const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes\n",
+"const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
-"// What a pixel shows in mirrors and behind panes.\n",
+"// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
-"    vec3 direction;   // of the last ray\n",
-"    vec3 throughput;  // share of light that mirrors reflect and panes let pass\n",
-"    vec3 emission;    // light of the mirrors and panes, of the sky that they show, and light that panes reflect\n",
-"    int number;       // the triangle that the last ray meets\n",
-"    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane\n",
+"    vec3 direction;   // direction of the last ray\n",
+"    vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way\n",
+"    vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky\n",
+"    int number;       // index of the triangle that the last ray hits\n",
+"    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane\n",
 "};\n",
 "\n",
-"// Radiance of a surface, with stored light. number: of its triangle; only_diffuse: true: without its specular lobe\n",
+"// Returns the radiance of a surface, with reflected stored light. number: of its triangle; only_diffuse: true:\n",
+"// without its specular lobe\n",
 "vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {\n",
 "#ifdef SBL_BOUNCED\n",
 "    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
@@ -9810,9 +9851,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
 "}\n",
 "\n",
-"// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the\n",
-"// surface. If the mirror blurs, draws the direction from its lobe, and sets the share of light that is reflected.\n",
-"// point: the uniform point of the unit square that chooses the direction\n",
+"// Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead\n",
+"// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of\n",
+"// light that is reflected. point: uniform point in the unit square from which the direction is sampled\n",
 "vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
@@ -9828,10 +9869,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return normalize(mirrored);\n",
 "}\n",
 "\n",
-"// A ray that leaves a mirror or a pane.\n",
+"// A ray that leaves a mirror or a pane\n",
 "struct sbl_Leaving {\n",
 "    vec3 origin, direction;\n",
-"    vec3 weight;             // factor of the light that it finds; 0: there is no such ray\n",
+"    vec3 weight;             // factor of the light that the ray finds; 0: no ray\n",
 "};\n",
 "\n",
 "sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight) {\n",
@@ -9839,9 +9880,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);\n",
 "}\n",
 "\n",
-"// Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if\n",
-"// the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light\n",
-"// (what a pane mirrors, or what is behind a surface through which little light passes). point: see sbl_mirrored\n",
+"// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
+"// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with its stored\n",
+"// light: the reflection of a pane, or the view through a surface that transmits little light. point: see\n",
+"// sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -9857,13 +9899,13 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return mirrored;\n",
 "}\n",
 "\n",
-"// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray meets.\n",
+"// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray hits.\n",
 "sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {\n",
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true;\n",
-"    // Even turns trace the ray `aside`, odd turns trace the ray `next`. Drivers compile a copy of sbl_trace for\n",
-"    // each place that calls it, so one place calls it for both rays.\n",
+"    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
+"    // sbl_trace for each call, so both rays share one call.\n",
 "    for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {\n",
 "        bool is_aside = (turn & 1) == 0;\n",
 "        if (is_aside) {\n",
@@ -9895,14 +9937,14 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return m;\n",
 "}\n",
 "\n",
-"// Two numbers from 0 to 1 as one.\n",
+"// Packs two numbers from 0 to 1 into one.\n",
 "float sbl_pack_two(float a, float b) {\n",
 "    vec2 steps = floor(clamp(vec2(a, b), 0.0, 1.0) * SBL_LOBE_STEPS + 0.5);\n",
 "    return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;\n",
 "}\n",
 "\n",
-"// A unit vector as a point of the square -1 .. 1: octahedral (Cigolle et al. 2014, \"A Survey of Efficient\n",
-"// Representations for Independent Unit Vectors\").\n",
+"// Maps a unit vector to a point in the square -1 .. 1: octahedral mapping (Cigolle et al. 2014, \"A Survey of\n",
+"// Efficient Representations for Independent Unit Vectors\").\n",
 "vec2 sbl_pack_direction(vec3 v) {\n",
 "    vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));\n",
 "    vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);\n",
@@ -9938,11 +9980,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
 "#ifdef SBL_NORMAL_MAPS\n",
-"        pixel_x = pixel_y = vec2(0);  // sbl_follow does not know them for surfaces in mirrors\n",
+"        pixel_x = pixel_y = vec2(0);  // unknown for surfaces that sbl_follow finds in mirrors\n",
 "#endif\n",
-"        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.\n",
+"        // width of a pixel at the surface, in world units\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
-"        // True: small facets keep the shading normal, because reflections and textures of normals need it.\n",
+"        // true: small triangles keep the shading normal, which reflections and normal maps need\n",
 "        bool smooth_normal = bumpy;\n",
 "#ifdef SBL_SPECULAR\n",
 "        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
@@ -10006,8 +10048,8 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__MIRRORS_BLUR
 };
 
-/* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
-   on the side that the interpolated normal points to. A normal that grazes the triangle is bent, see SBL__GRAZING. */
+/* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. The site is on the side
+   that the interpolated normal points to, as in surface.glsl. A grazing normal is bent upwards, see SBL__GRAZING. */
 static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
@@ -10035,7 +10077,7 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
     }
 }
 
-/* Computes the surface points of as many rows as the slice has time for. */
+/* Computes the surface points of as many rows as the slice allows. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -10043,7 +10085,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
     const unsigned matte = ~(unsigned)(job->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
-    const unsigned features = job->scene->features & (job->has_lobes ? ~0u : matte);  /* only lobes need rays */
+    const unsigned features = job->scene->features & (job->has_lobes ? ~0u : matte);  /* rays are only needed for
+                                                                                         lobes */
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
@@ -10069,7 +10112,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
-/* Lets the host's draw callback, if there is one, draw over the G-buffer. */
+/* Calls the host's draw callback, if any, to draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -10098,7 +10141,7 @@ static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     return sbl__atlas_step(s->job->atlas, slice);
 }
 
-/* Sends the next rows of the atlas to the GPU, to s->triangles. */
+/* Sends the next rows of the atlas to s->triangles on the GPU. */
 static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__atlas *a = s->job->atlas;
@@ -10110,11 +10153,11 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* Makes the next step begin a new G-buffer. */
+/* Makes the next step start a new G-buffer. */
 static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.at = s->row = 0; }
 
-/* Does one piece of work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS; the next call begins a
-   new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
+/* Does a piece of the work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS. The next call then
+   starts a new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
     static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
         { sbl__surface_triangles, NULL, NULL, NULL },
@@ -10136,84 +10179,86 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
 
 /* ======================================================================================================== >>sensors
    Defines where and how incoming light is measured. The sensor at a site takes one or more looks, each with other
-   directions; their mean is the site's reading. A look traces rays over the hemisphere or rasterises views of it. This
-   room also lays out a look's views in a rectangle of texels, its sheet, and computes the weights of these texels. */
+   directions; the mean of the looks is the site's reading. A look traces rays over the hemisphere or rasterises views
+   of it. This room also arranges a look's views in a rectangle of texels, the look's sheet, and computes the weights of
+   these texels. */
 
 typedef struct sbl__site {
-    float position[3];          /* world space, on a surface or in the air */
-    float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
-    float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
-    float offset;               /* world distance by which the sensor is moved off the surface */
-    uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
-    int pixel;                  /* for >>refine: index of the pixel to which the site belongs */
-    int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
-    int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
-    float view[3];              /* this and the next fields: only if the spec is `lobe`. Unit vector to the viewer */
+    float position[3];          /* in world space, on a surface or in the air */
+    float normal[3];            /* unit vector: axis of the hemisphere; for a surface, its shading normal */
+    float geometric_normal[3];  /* unit vector; the sensor is moved off the surface in this direction */
+    float offset;               /* distance by which the sensor is moved off the surface, in world units */
+    uint32_t number;            /* seed for the rotation of the site's rays or views; differs between positions */
+    int pixel;                  /* for >>refine: index of the site's pixel */
+    int guide;                  /* index of the guide for the site's rays, see >>guide; 0: no guide */
+    int first, looks;           /* the job takes `looks` looks, beginning with the look of index `first` */
+    float view[3];              /* unit vector to the viewer. This and the next fields are only used if the spec is
+                                   `lobe` */
     float reflectance[3], roughness;  /* of the specular lobe, see lobe.glsl */
 } sbl__site;
 
-/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4, which have signs, exist if the spec is
-   directional: the radiance over the site's hemisphere, projected to the first two bands of spherical harmonics, in the
-   order of sbl_probe. */
+/* Layers of light that a sensor measures. Layer 0 is R. If the spec is directional, layers 1 to 4 are the radiance over
+   the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe; they may
+   be negative. */
 #define SBL__LAYERS 5
 
-/* If the spec has light groups, layers 1, 2 and so on are the parts of R that these cause. */
+/* If the spec has light groups, layers 1, 2 and so on are the parts of R that the groups cause. */
 #define SBL__LAYERS_MOST (1 + SBL_MAX_LIGHT_GROUPS)
 
-/* Number of textures that hold the layers of `groups` light groups, one layer after the other, 4 floats per texel. */
+/* Number of textures for the layers of `groups` light groups: 3 floats per layer, packed into texels of 4 floats. */
 #define SBL__LAYER_TEXTURES(groups) ((3 * (groups) + 3) / 4)
 
-/* How all sensors of a job measure light. */
+/* How all sensors of a job measure light */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
-    int paper;                  /* 1: exactly the paper's method: views are not rotated, weights follow equation 4, only
-                                   views see emitters, and lights and the environment's picture are ignored. 0: rays
-                                   towards lamps measure the emission of meshes, so other rays and views leave it out;
-                                   views contain what the host's draw callback emits */
+    int paper;                  /* 1: exactly the paper's method: views are not rotated, weights follow equation 4,
+                                   emitters are only seen in views, and lights and the environment's picture are
+                                   ignored. 0: rays towards lamps measure the emission of meshes, so other rays and
+                                   views leave it out; views contain the emission that the host's callback draws */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
-    int size;                   /* rasterised: width and height of a view, texels */
-    float fov;                  /* rasterised, one view: field of view, degrees */
+    int size;                   /* rasterised: width and height of a view, in texels */
+    float fov;                  /* rasterised, one view: field of view in degrees */
     int looks;                  /* maximum number of looks per site */
     int rays;                   /* traced: number of rays over the hemisphere per look */
-    int lamp_rays;              /* maximum number of rays towards lamps per look, besides rim samples and rays to point
-                                   lights; 0: no rays are aimed at lamps */
-    int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the store's R; 0: ambient light, see epsilon */
-    int glows;                  /* 1 (SBL_MODE_GI): the store's glows are lamps, too, see >>glow */
-    int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
-    int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
+    int lamp_rays;              /* maximum number of rays towards lamps per look, in addition to rim samples and rays to
+                                   point lights; 0: no rays towards lamps */
+    int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the stored R; 0: ambient light, see epsilon */
+    int glows;                  /* 1 (SBL_MODE_GI): the store's glows (see >>glow) are lamps, too */
+    int without_sky;            /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
+    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so that only look 0 of each
                                    site traces them, for the distances and back faces in readings */
-    int one_ray;                /* traced: 1: a look traces one ray along the normal in place of its rays over the
-                                   hemisphere; rays towards lamps do not change. Probes need it: without lamp_rays,
-                                   such a look measures the radiance along the ray */
-    int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
-    int groups;                 /* traced: number of light groups, each of which is a layer; 0: they are not measured */
-    int lobe;                   /* traced: 1: measure the mean radiance that the specular lobe reflects, not R */
+    int one_ray;                /* traced: 1: a look traces one ray along the normal instead of its rays over the
+                                   hemisphere, for probes. Rays towards lamps do not change; without lamp_rays, the look
+                                   measures the radiance along the ray */
+    int directional;            /* 1: also measure layers 1 to 4, see SBL__LAYERS */
+    int groups;                 /* traced: number of light groups, each of which is a layer; 0: not measured */
+    int lobe;                   /* traced: 1: measure the mean radiance that the specular lobe reflects, instead of R */
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
-    int divisor;                /* traced: divides the number of rays per invocation (0: by 1), see sbl__job_lost */
-    /* Jobs whose specs differ only from here on (seed, ...) use the same resources, see sbl__job_begin. */
+    int divisor;                /* traced: divides the number of rays per invocation (0 acts as 1), see sbl__job_lost */
+    /* Jobs whose specs differ only in the following fields use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_options */
     int guided;                 /* 1: guides direct rays, see >>guide */
-    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    float ray_length;           /* traced: length of rays over the hemisphere; 0: they do not end */
+    float distance_limit;       /* traced: upper limit of the distances in a reading's mean distance; 0: no limit */
+    float ray_length;           /* traced: length of rays over the hemisphere; 0: unlimited */
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
 #define SBL__DEFAULT_LOOKS 32      /* maximum number of looks per site if the host leaves target_error at 0 */
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
-#define SBL__LOOK_VARIANCE 12.5    /* after the first round, the rays of all looks are doubled as long as the relative
-                                      variance of a look with the doubled rays is at least this * (target error)^2,
-                                      see sbl__look_growth. Rays are guided if the variance is at least as large before
-                                      they are doubled, see sbl__refine_needs_guides */
+#define SBL__LOOK_VARIANCE 12.5    /* After the first round, the number of rays per look is doubled as long as the
+                                      relative variance of a look with the doubled rays is at least this * (target
+                                      error)^2, see sbl__look_growth. Guides are used if the variance before doubling is
+                                      at least as large, see sbl__refine_needs_guides */
 
 /* One look of a site, as shaders read it:
    position         the site's position, moved off the surface by `offset` along the geometric normal
-   rotation         rasterised: rotation of the views about the normal, radians
+   rotation         rasterised: rotation of the views about the normal, in radians
    scramble         traced: scrambles the points of the sequence that give the rays' directions, see sbl__sequence_at
    lamp_scramble    the same for rays towards lamps
-   which            low SBL__LOOK_GUIDE_SHIFT bits: the look's number among the site's looks, which selects the part of
-                    the sequence for the look's rays; higher bits: number of the site's guide, 0: no guide */
+   which            low SBL__LOOK_GUIDE_SHIFT bits: index of the look among the site's looks, which selects the part of
+                    the sequence for its rays; higher bits: index of the site's guide, 0: no guide */
 #define SBL__LOOK_RECORD(X) \
     X(sbl__look, VEC3, position) X(sbl__look, FLOAT, rotation) \
     X(sbl__look, VEC3, normal) X(sbl__look, FLOAT, offset) \
@@ -10223,11 +10268,12 @@ SBL__RECORD(sbl__look, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TA
 /* Returns the seed of a sensor. number: sbl__site.number; seed: sbl__spec.seed */
 static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__hash(number ^ sbl__hash(seed)); }
 
-/* Makes look number `look` of a site. Its rotation about the normal is 0 in the paper's mode, otherwise the site's hash
-   (0 to 1) plus the look number's radical inverse, in quarter turns: looks are spread evenly over a quarter turn. */
+/* Makes look `look` of a site. Its rotation about the normal is 0 in the paper's mode. Otherwise it is the site's hash
+   (0 to 1) plus the radical inverse of the look's index, in units of 90 degrees, so that looks spread evenly over 90
+   degrees. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
-    double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of k's lowest bit */
+    double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of the lowest bit of k */
     int k;
     for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
     for (k = 0; k < 3; k++) {
@@ -10244,9 +10290,9 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 
 /* >>sensors: specular lobes */
 
-/* The specular lobe of a look, in a table beside that of looks. reflectance: see lobe.glsl. albedo: the share of
-   uniform light that the lobe reflects to the viewer. xx, xz, zx, zz: elements of the matrix that transforms the lobe
-   to a cosine lobe; its yy is 1, its others are 0 */
+/* The specular lobe of a look; the table of lobes is parallel to the table of looks. view: direction to the viewer;
+   roughness, reflectance: see lobe.glsl; albedo: directional albedo, at least SBL__LOBE_LEAST; xx, xz, zx, zz: elements
+   of the matrix that transforms the lobe to a cosine lobe; yy is 1, all others are 0 */
 #define SBL__LOBE_RECORD(X) \
     X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
     X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, zx) X(sbl__lobe, FLOAT, zz) \
@@ -10254,7 +10300,7 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
 
 /* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across:
-   place of the column, 0 to 1; roughness: below LOBE_FIRST, the first row is used */
+   position of the column, 0 to 1; roughness: below LOBE_FIRST, the first row is used */
 static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
     const int last = SBL__LOBE_ROWS - 1;
     const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
@@ -10269,7 +10315,7 @@ static void sbl__lobe_look_up(const uint16_t *table, int count, double across, d
     }
 }
 
-/* Gets the albedo of a specular lobe, as sbl_specular_albedo does. */
+/* Gets the directional albedo of a specular lobe, as sbl_specular_albedo does. */
 static void sbl__specular_albedo(const float reflectance[3], double roughness, double cosine, float out[3]) {
     const double alpha = roughness * roughness, u = 1 - cosine;
     double share[2];
@@ -10300,17 +10346,17 @@ static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
 
 /* >>sensors: views */
 
-/* Positions of a look's views in its sheet, the rectangle of texels that holds them. */
+/* Positions of a look's views in its sheet, the rectangle of texels that contains them */
 typedef struct sbl__layout {
     int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
-    int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
-    int sheet[2];               /* width and height of the sheet without padding, texels */
+    int rects[5][4];            /* per view: x, y, width, height in the sheet, in texels */
+    int sheet[2];               /* width and height of the sheet without padding, in texels */
     int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
     int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
 
-/* The vertex attributes of a view. sensor_vertex.glsl explains them. */
+/* The vertex attributes of a view, as explained in sensor_vertex.glsl */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
@@ -10332,11 +10378,11 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     for (i = 0; i < 2; i++) l->blocks[i] = (l->sheet[i] + l->block - 1) / l->block;
 }
 
-/* Returns the width (axis 0) or height (axis 1) of a padded sheet, texels. */
+/* Returns the width (axis 0) or height (axis 1) of a padded sheet in texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
-/* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
-   them about it by `rotation` radians. right x up = -normal, as for a camera that looks along the normal. */
+/* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited"), rotated about
+   it by `rotation` radians. right x up = -normal, as for a camera that looks along the normal. */
 static void sbl__frame(const float n[3], double rotation, double right[3], double up[3]) {
     const double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a;
     const double c = cos(rotation), d = sin(rotation);
@@ -10348,7 +10394,7 @@ static void sbl__frame(const float n[3], double rotation, double right[3], doubl
 }
 
 /* Computes the axes of a look's view in world space. View 0 looks along the normal. Views 1 to 4 of a hemicube look
-   sideways, and the normal is their up direction. */
+   sideways, with the normal as up direction. */
 static void sbl__view_axes(const sbl__look *l, int face, double right[3], double up[3], double forward[3]) {
     double t[3], u[3];
     int k;
@@ -10362,7 +10408,7 @@ static void sbl__view_axes(const sbl__look *l, int face, double right[3], double
 }
 
 /* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the view texture; size: width and
-   height of the part of this texture that is drawn to; all in texels */
+   height of the drawn part of this texture; all in texels */
 static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face, const int corner[2],
                            const int size[2], sbl__view *out) {
     const int *r = l->rects[face];
@@ -10383,8 +10429,8 @@ static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face
     out->forward[3] = face ? 0.0f : -1.0f;
 }
 
-/* Gets the rectangle that a view covers in the plane at unit distance: lowest x, highest x, lowest y, highest y. The
-   side views of a hemicube begin at the horizon, y = 0. */
+/* Gets the rectangle that a view covers in the plane at unit distance: lowest x, highest x, lowest y, highest y. Side
+   views of a hemicube begin at the horizon, y = 0. */
 static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
     range[0] = -l->tangent; range[1] = l->tangent;
     range[2] = face ? 0 : -l->tangent; range[3] = l->tangent;
@@ -10393,9 +10439,9 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
 /* >>sensors: weights */
 
 /* Returns the form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit
-   distance (Cohen and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; integral of
-   1 / (pi (1 + x^2 + y^2)^2). side = 1: the plane is parallel to the normal, which is its y axis; integral of
-   y / (pi (1 + x^2 + y^2)^2). */
+   distance (Cohen and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; the
+   integral of 1 / (pi (1 + x^2 + y^2)^2). side = 1: the plane is parallel to the normal, which is its y axis; the
+   integral of y / (pi (1 + x^2 + y^2)^2). */
 static double sbl__corner_weight(int side, double x, double y) {
     const double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
     if (side) return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
@@ -10415,8 +10461,8 @@ static void sbl__paper_project(double x, double y, double out[2]) {
     out[1] = y / length;
 }
 
-/* Returns the weight of a texel by the paper's equation 4, divided by pi. Section III-E multiplies it by the number
-   of texels, rdx * rdy, and then takes the mean over them; both are omitted here. */
+/* Returns the weight of a texel by the paper's equation 4, divided by pi. Section III-E multiplies it by the number of
+   texels, rdx * rdy, and then takes the mean over them; this function omits both. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -10426,7 +10472,7 @@ static double sbl__paper_weight(const double from[2], const double to[2]) {
 }
 
 /* Computes row j of a view's weights. `weights` has two floats per texel of the padded sheet: the texel's form factor
-   or, in the paper's mode, its sbl__paper_weight; and the ratio of distance to depth for the ray through its centre. */
+   (in the paper's mode, its sbl__paper_weight), and the ratio of distance to depth for the ray through its centre. */
 static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, float *weights) {
     const int *r = l->rects[face];
     float *out = weights + 2 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -10448,9 +10494,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy, >>refine traces
    scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again. A guide is a
    histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours found. Its
-   bins are bands about the normal, divided into sectors, all equally likely under the cosine distribution. Sensors near
-   the pixel choose directions by the guide, and divide a ray's light by the factor by which the guide made its bin more
-   likely. The expected value stays the same, the noise falls (scene living-room: to a fifth of the variance).
+   bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
+   distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
+   the guide raised the probability of its bin. The expected value stays the same, and the noise falls (scene
+   living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -10459,13 +10506,14 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_BANDS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* A guide chooses a band, then a sector of it. In both choices, a part of the probability is even, as without a guide.
-   This part is at least SBL__GUIDE_EVEN, so that light that no scout found is not missed. It grows if the share of lit
-   bins is above SBL__GUIDE_DARK, and is 1 from SBL__GUIDE_LIT on, because a guide adds noise where light is uniform. */
+/* A guide chooses a band, then a sector of the band. In both choices, a part of the probability is uniform, as without
+   a guide. This part is at least SBL__GUIDE_EVEN, so that light that no scout found is not missed. It grows if the
+   fraction of lit bins exceeds SBL__GUIDE_DARK, and is 1 from SBL__GUIDE_LIT on, because a guide adds noise where light
+   is uniform. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
-/* Distance between the pixels that have guides, in pixels. A quarter or half of it is used if that gives fewer than
+/* Distance between the pixels that have guides, in pixels. It is divided by 2 or 4 if this gives fewer than
    SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST.
    Windows use the grid of the whole picture, so that all windows together trace as many scouts as the whole. */
 #define SBL__GUIDE_STEP 8
@@ -10474,15 +10522,15 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
-/* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
-   distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
+/* The guides of a picture, for the pixels of a grid. Guide 0 belongs to no pixel and keeps the cosine distribution. The
+   guide of the grid pixel with index `place`, row by row, has the index 1 + place. */
 typedef struct sbl__guides {
     int first[2];               /* column and row of the first guide in the grid of the whole picture */
-    int columns, rows;          /* size of the part of the grid that lies in the working grid */
-    int step;                   /* distance between neighbours of the grid, in pixels of the picture */
+    int columns, rows;          /* size of the part of the guides' grid that lies in the working grid */
+    int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
                                    NULL once the guides are made */
-    uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
+    uint32_t *words;            /* the guides, as guide.glsl reads them; SBL__GUIDE_WORDS per guide */
     sbl__texture texture;       /* copy of `words` on the GPU */
 } sbl__guides;
 
@@ -10499,7 +10547,7 @@ static int sbl__guide_bin(double x, double y) {
     return SBL__MIN(band, SBL__GUIDE_BANDS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
 }
 
-/* Returns the weighted mean of a bin and its neighbours, to reduce noise: few scouts fall into one bin. */
+/* Returns the weighted mean of a bin and its neighbours. This reduces noise, because few scouts fall into one bin. */
 static float sbl__guide_smooth(const float *found, int band, int sector) {
     static const float weights[3] = { 0.2f, 0.6f, 0.2f };
     float sum = 0;
@@ -10513,9 +10561,9 @@ static float sbl__guide_smooth(const float *found, int band, int sector) {
     return sum;
 }
 
-/* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals and writes where each begins, two 16-bit numbers per word. Part
-   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest in proportion to the
-   shares. */
+/* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals, and writes the start of each as a 16-bit number, two per word.
+   The fraction `even` (0 to 1) of the range is divided equally, the rest in proportion to `shares`. If all shares are
+   0, the whole range is divided equally. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -10530,8 +10578,8 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Returns the even part of both choices, SBL__GUIDE_EVEN to 1. The squared mean of the densities over their mean square
-   is the share of lit bins: exactly if all lit bins have the same density, approximately otherwise. */
+/* Returns the uniform part of both choices, SBL__GUIDE_EVEN to 1. The squared mean of the densities divided by their
+   mean square is the fraction of lit bins: exactly if all lit bins have the same density, otherwise approximately. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -10564,12 +10612,12 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(bands, SBL__GUIDE_BANDS, even, words);
 }
 
-/* Returns where interval i of `count` begins, 0 to SBL__GUIDE_STEPS. i = count: where the last one ends */
+/* Returns the start of interval i of `count`, 0 to SBL__GUIDE_STEPS; for i = count, the end of the last interval. */
 static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
     return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
 }
 
-/* Does the same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the
+/* Does the same as sbl_guide in guide.glsl: maps a uniform point u in the unit square to a point distributed by the
    guide, and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_warp(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
@@ -10590,12 +10638,12 @@ static double sbl__guide_warp(const uint32_t *words, double u[2]) {
     return weight;
 }
 
-/* Returns the first word of guide number `guide`. */
+/* Returns the first word of a guide. */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
 }
 
-/* Returns what the scouts of grid pixel number `pixel` found: SBL__GUIDE_BINS floats. */
+/* Returns the light that the scouts of a grid pixel found: SBL__GUIDE_BINS floats, see sbl__guides.found. */
 static float *sbl__guide_found(const sbl__guides *g, int pixel) {
     return g->found + (size_t)pixel * SBL__GUIDE_BINS;
 }
@@ -10614,31 +10662,32 @@ static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
 
 /* >>sensors: data of both kinds of sensors, rasterised and traced */
 
-/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, so that results do not depend
-   on how the job is divided into batches. */
+/* Slots for looks, side by side in textures. Look n of a job uses slot n % count, so that results do not depend on how
+   the job is divided into batches. */
 typedef struct sbl__slots {
-    int columns, count;         /* number of slots in a row of a texture; number of all slots */
-    int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
+    int columns, count;         /* number of slots in a row of a texture; number of slots in total */
+    int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, in texels */
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl) or results of looks: 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the harmonics of red,
-   green and blue light, and 5 (partial sums of rays) out_even. Light from lamps: 0 and, for harmonics, 1 to 3. In jobs
-   with light groups, the layers follow 1 (light from lamps: 0), see SBL__LAYER_TEXTURES. */
+   trace.glsl), or the results of looks. Textures 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the
+   harmonics of red, green and blue light, and 5 (partial sums of rays) holds out_even. For light from lamps, 0 holds
+   the sums, and 1 to 3 the harmonics. In jobs with light groups, the layers follow 1 (light from lamps: 0), see
+   SBL__LAYER_TEXTURES. */
 #define SBL__BLOCKS 8
 typedef struct sbl__blocks {
     sbl__texture textures[SBL__BLOCKS];
     sbl__target target;
 } sbl__blocks;
 
-/* Returns the features (SBL__BOUNCED and others) that shaders need. */
+/* Returns the features (SBL__BOUNCED and others) that a spec's shaders need. */
 static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
     return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0) |
            (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0) |
            (spec->lobe ? (unsigned)SBL__LOBE : 0) | (unsigned)spec->groups << SBL__GROUPS_SHIFT;
 }
 
-/* Looks that are drawn or traced together. They use `count` slots, beginning with slot number `slot`. */
+/* Looks that are drawn or traced together. They use `count` slots, beginning with slot `slot`. */
 typedef struct sbl__batch {
     const sbl__scene *scene;
     const sbl__spec *spec;
@@ -10646,14 +10695,14 @@ typedef struct sbl__batch {
     const sbl__blocks *blocks;
     const sbl__look *looks;
     const sbl__lobe *lobes;     /* the looks' lobes; NULL unless the spec is `lobe` */
-    const sbl__table *table;    /* table of sbl__look, which shaders that trace rays read */
-    const sbl__table *lobe_table;  /* the lobes of these looks, as shaders read them */
-    const sbl__guides *guides;  /* used only if the spec is guided; may be NULL otherwise */
-    int first;                  /* number of the first look among all looks of the job */
+    const sbl__table *table;    /* the looks as shaders that trace rays read them */
+    const sbl__table *lobe_table;  /* the lobes as shaders read them */
+    const sbl__guides *guides;  /* used only if the spec is guided; otherwise may be NULL */
+    int first;                  /* index of the first look among all looks of the job */
     int slot, count;
 } sbl__batch;
 
-/* Makes the first `count` textures and a target that draws to them. Deletes the other textures. */
+/* Makes the first `count` textures and a target with them. Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -10671,7 +10720,7 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends structs to a table that ray-tracing shaders read. bytes: size of a struct; room: capacity of the table */
+/* Sends structs to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the table */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
                                   int room) {
     const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
@@ -10680,10 +10729,10 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl layers: shaders_embedded/layers.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_layers[] = {
-"// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. Programs sum the light of\n",
-"// each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the\n",
-"// numbers that SBL_OUT gives them. sbl_write_layers writes the layers into them, one after the other.\n",
-"// SBL_PART_n(x) is x if output n is needed.\n",
+"// SBL_GROUPS is the number of light groups; it is undefined if light groups are not measured. Programs sum the\n",
+"// light of each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a\n",
+"// to f: their indices for SBL_OUT. sbl_write_layers writes the layers to the outputs, one after the other.\n",
+"// SBL_PART_n(x) is x if output n is needed, otherwise nothing.\n",
 "#ifdef SBL_GROUPS\n",
 "#define SBL_PART_0(x) x\n",
 "#if SBL_GROUPS >= 2\n",
@@ -10723,7 +10772,7 @@ static const char *const sbl__glsl_layers[] = {
 "    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_part(l, 4));) \\\n",
 "    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_part(l, 5));)\n",
 "\n",
-"// Returns floats 4 * part to 4 * part + 3 of the layers; 0 beyond their end.\n",
+"// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.\n",
 "vec4 sbl_layers_part(vec3 layers[SBL_GROUPS], int part) {\n",
 "    vec4 floats = vec4(0);\n",
 "    for (int k = 0; k < 4; k++)\n",
@@ -10739,36 +10788,36 @@ static const char *const sbl__glsl_layers[] = {
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h), or each ray of cast.glsl, has a slot\n",
+"// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h) or each ray of cast.glsl has a slot\n",
 "// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
 "// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have\n",
-"// consecutive numbers.\n",
-"uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace\n",
+"// consecutive indices.\n",
+"uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace\n",
 "                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
-"uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
+"uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
 "const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken\n",
 "\n",
-"// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some\n",
-"// software renderers limit the loop turns of an invocation (llvmpipe to 65,535). Beyond the limit, every loop\n",
-"// ends with its first turn, without an error. The loop below has two turns, so that it shows this by ending\n",
-"// after one. As `count` is a uniform, no compiler unrolls the loop.\n",
+"// Returns true if the driver has ended a loop of this invocation early, which makes the invocation's results\n",
+"// wrong. Some software renderers limit the loop iterations of an invocation (llvmpipe to 65,535). Beyond the\n",
+"// limit, every loop silently ends after its first iteration. The loop below has two iterations, and detects the\n",
+"// limit by ending after one. As `count` is a uniform, no compiler unrolls the loop.\n",
 "bool sbl_cut_short() {\n",
 "    int turns = 0, all = min(count, 1) + 1;\n",
 "    for (int i = 0; i < all; i++) turns++;\n",
 "    return turns < all;\n",
 "}\n",
 "\n",
-"// Converts 32-bit fractions to a point between 0 and 1.\n",
+"// Converts 32-bit fractions to a point in the unit square.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the\n",
-"// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine\n",
-"// between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
+"// Returns the factors that convert light from the unit direction w from its part of R to its part of the first\n",
+"// four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R includes the cosine between w and\n",
+"// the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its part along n is 1\n",
+"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
 "}\n",
 "\n",
@@ -10791,8 +10840,8 @@ static const char *const sbl__glsl_carrier[] = {
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
 "\n",
-"// SBL_OUT_HARMONICS declares three outputs, for the harmonics of red, green and blue light; a, b, c: the numbers\n",
-"// that SBL_OUT gives them. sbl_write_harmonics writes them. Without SBL_DIRECTIONAL both do nothing.\n",
+"// SBL_OUT_HARMONICS declares three outputs, for the harmonics of red, green and blue light; a, b, c: their indices\n",
+"// for SBL_OUT. sbl_write_harmonics writes them. Without SBL_DIRECTIONAL, both do nothing.\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "#define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);\n",
 "#define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])\n",
@@ -10804,31 +10853,32 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
+   The sequence of points that gives the rays their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
-   about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take many times more,
-   such as those through many holes. A look whose loops were ended has lost rays, see sbl__job_lost. */
+   about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays, such as those through
+   many holes, take many times more. A look whose loops were ended early has lost rays, see sbl__job_lost. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
-#define SBL__LAMP_CHUNK 256        /* maximum of rays to lamps per invocation, without rim samples and point lights */
+#define SBL__RAY_TURNS 20          /* loop iterations per ray in addition to sbl__hierarchy.cost */
+#define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
+                                      lights */
 
-/* Resources for rays towards lamps. */
+/* resources for rays towards lamps */
 typedef struct sbl__aim {
     int parts;                     /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
-    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; each texel is an
-                                      estimate by one part of the look's rays, and their mean is the result */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels. Each texel is an
+                                      estimate from one part of the look's rays; the mean of the texels is the result */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation, 1 to `limit`. turns: loop iterations that they may take on
-   average; divisor: divides the number of rays, see sbl__job_lost; 0 has the effect of 1 */
+/* Returns the maximum number of rays per invocation, 1 to `limit`. turns: average number of loop iterations that all
+   rays together may take; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
 static int sbl__rays_most(const sbl__hierarchy *h, int turns, int limit, int divisor) {
     const double most = SBL__MIN(turns / (h->cost + SBL__RAY_TURNS), (double)limit);
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns, once per scene, that rays were lost. told: last scene version warned about; count, what: begin the message */
+/* Warns once per scene that rays were lost. told: last scene version with a warning; count, what: begin the message */
 static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t version, int count, const char *what) {
     if (*told == version) return;
     *told = version;
@@ -10837,7 +10887,7 @@ static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t versio
              d->gl.capabilities.renderer);
 }
 
-/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
+/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008) as 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -10849,17 +10899,18 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays of
+/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays in
    similar directions. Scrambling by exclusive or keeps neighbours close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* axis in which the points differ in the higher bit */
+    int axis = x < y && x < (x ^ y);  /* axis in which the points differ in a higher bit */
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks: two 32-bit fractions per point. A look's points are divided into
-   `sections` that each cover the unit square evenly, in Morton order. The caller frees the result; NULL: no memory */
+/* Makes `rays` points for each of a site's looks, as two 32-bit fractions per point. A look's points are divided into
+   `sections`, each of which covers the unit square evenly, in Morton order. The caller frees the result. NULL: no
+   memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
     const size_t count = (size_t)rays, parts = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
@@ -10883,12 +10934,12 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* Maps a uniform point u of the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
+/* Maps a uniform point u in the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
     int k;
-    sbl__frame(normal, 0, right, up);  /* sbl__frame's up is opposite to the shader's, hence - sin */
+    sbl__frame(normal, 0, right, up);  /* `up` is opposite to the shader's, hence - sin */
     for (k = 0; k < 3; k++)
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
@@ -10902,14 +10953,14 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Returns the number of invocations among which a look's rays towards lamps are divided; 0 if it has no such rays. */
+/* Returns the number of invocations that share a look's rays towards lamps, or 0 if looks have no such rays. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int most = sbl__rays_most(h, SBL__LOOP_TURNS, SBL__LAMP_CHUNK, spec->divisor);
     const int chunk = spec->traced ? most : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Sets a->parts. If looks have rays to lamps, makes the sequence (a section per pass of each part) and the outputs. */
+/* Sets a->parts. If looks have rays to lamps, makes the sequence (one section per part and pass) and the outputs. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
@@ -10922,7 +10973,7 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                             slots->columns, rows * a->parts);
 }
 
-/* Sets the uniforms that all programs for sensors' rays have. blocks: size of a look's rectangle of invocations */
+/* Sets the uniforms common to all programs for sensors' rays. blocks: size of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -10937,7 +10988,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the current program for all looks of a batch, blocks[0] x blocks[1] invocations each. */
+/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] invocations each. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -10945,34 +10996,36 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamp: shaders_embedded/lamp.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamp[] = {
-"// A single lamp as a point on a surface sees it: its light in closed form, a cluster's approximate light, the\n",
-"// choice of one lamp from a cluster, and a random point on a lamp.\n",
-"uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps\n",
-"uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
+"// One lamp as seen from a point on a surface: its light in closed form, the approximate light of a cluster, the\n",
+"// random choice of a lamp from a cluster, and a random point on a lamp.\n",
+"uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps\n",
+"uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow\n",
 "#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED\n",
-"const bool mixed = true;            // lamps need not be triangles, and there may be more than SBL_LAMPS\n",
+"const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
 "#endif\n",
 "\n",
-"const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
+"const float SBL_SMALL = 16.0;       // a triangle is small if (squared distance) / (squared size) exceeds this\n",
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
-"const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
+"const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced\n",
 "\n",
-"// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that have a field.\n",
+"// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
 "    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid\n",
 "                               // angle; light: irradiance of a surface at the sensor that faces the light\n",
-"    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
+"    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the\n",
+"                               // centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
-"    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
-"    ivec2 texel;               // texel: its column and row in the environment's picture\n",
-"    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
-"    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
+"    float away, radius, sine2; // light: distance, radius, squared sine of half the subtended angle\n",
+"    ivec2 texel;               // texel: column and row in the environment's picture\n",
+"    int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number\n",
+"                               // is -1\n",
+"    vec2 group;                // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)\n",
 "    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`\n",
-"    int layer;                 // number of its light group; glow: number of its record, see sbl_lamp_share\n",
+"    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
@@ -11010,7 +11063,8 @@ static const char *const sbl__glsl_lamp[] = {
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
 "        for (int i = 0; i < (l.glow ? 1 : 0); i++)\n",
 "            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;\n",
-"        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.\n",
+"        // Almost edge-on: no light. This excludes the sensor's own triangle, which rounding may lift above the\n",
+"        // horizon.\n",
 "        if (abs(off) < 0.5 * above * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
@@ -11042,9 +11096,9 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
-"uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin, one texel per layer\n",
+"uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer\n",
 "\n",
-"// Returns the share of a lamp's light that belongs to a layer.\n",
+"// Returns the fraction of a lamp's light that belongs to a layer.\n",
 "vec3 sbl_lamp_share(sbl_Lamp l, int layer) {\n",
 "    if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);\n",
 "    return vec3(l.layer == layer ? 1.0 : 0.0);\n",
@@ -11053,10 +11107,11 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// >>closed forms\n",
 "\n",
-"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the\n",
-"// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the\n",
-"// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;\n",
-"// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).\n",
+"// Returns the form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum\n",
+"// (1760) over the edges of the part above the horizon adds, for each edge, the angle that it subtends times z of\n",
+"// the unit normal of the plane through the edge and the sensor. For a small, distant triangle, rounding would\n",
+"// spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to\n",
+"// 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
@@ -11086,8 +11141,9 @@ static const char *const sbl__glsl_lamp[] = {
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
-"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\");\n",
-"// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre\n",
+"// Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time\n",
+"// Graphics\"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's\n",
+"// centre\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -11097,8 +11153,8 @@ static const char *const sbl__glsl_lamp[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate: above 0 if any part of\n",
-"// the texel is above the horizon.\n",
+"// Returns R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate, and above 0 if\n",
+"// any part of the texel is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -11111,9 +11167,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"// The first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its solid angle\n",
-"// and from the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part along\n",
-"// the normal is approximate.\n",
+"// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its\n",
+"// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part\n",
+"// along the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -11126,7 +11182,7 @@ static const char *const sbl__glsl_lamp[] = {
 "            if (p.z > 0.0) kept[count++] = p;\n",
 "            if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
 "        }\n",
-"        for (int k = 0; k < count; k++) {  // R of a polygon as a sum over its edges (Lambert 1760)\n",
+"        for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)\n",
 "            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);\n",
 "            float size = length(across);\n",
 "            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
@@ -11140,7 +11196,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness\n",
+"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
@@ -11153,8 +11209,8 @@ static const char *const sbl__glsl_lamp[] = {
 "struct sbl_Cluster {\n",
 "    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction\n",
 "    float radius;\n",
-"    bool far;      // true: the lamps are infinitely far away\n",
-"    int beyond;    // next node that is not in the cluster's subtree\n",
+"    bool far;      // true: the lamps are at infinity\n",
+"    int beyond;    // index of the first node after the cluster's subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
@@ -11164,7 +11220,8 @@ static const char *const sbl__glsl_lamp[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// Approximate light / unit of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
+"// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its\n",
+"// lamps.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
@@ -11182,7 +11239,8 @@ static const char *const sbl__glsl_lamp[] = {
 "// >>points of lamps\n",
 "\n",
 "// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,\n",
-"// \"Stratified Sampling of Spherical Triangles\"). w: the solid angle; 0 if it is too small for this method\n",
+"// \"Stratified Sampling of Spherical Triangles\"). Returns the direction in xyz, and the solid angle in w; all 0\n",
+"// if the solid angle is too small for this method.\n",
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
@@ -11200,17 +11258,18 @@ static const char *const sbl__glsl_lamp[] = {
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
 "    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R / unit from the lamp, estimated from this point alone\n",
-"    vec2 b;       // triangle: weights of the second and third corner\n",
+"    vec3 light;   // R / unit of the whole lamp, estimated from this point alone\n",
+"    vec2 b;       // triangle: barycentric weights of the second and third corner\n",
 "};\n",
 "\n",
-"// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner\n",
+"// Returns the barycentric weights of a triangle's second and third corner at a point. from_corner: the point,\n",
+"// relative to the first corner\n",
 "vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
 "    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
 "    return areas / dot(normal, normal);\n",
 "}\n",
 "\n",
-"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area\n",
+"// Maps a uniform point u in the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area\n",
 "// if the solid angle is small (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
@@ -11218,7 +11277,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.\n",
+"        // keeps away from the edges, so that the ray does not miss the triangle by rounding\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -11251,7 +11310,8 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Share of a lamp's light in a direction that rays of a lobe measure, see sbl_lobe_met. They do not meet lights.\n",
+"// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_met. Rays do not hit\n",
+"// lights (point, spot and directional), whose weight is 0.\n",
 "float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
 "    float lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
@@ -11261,17 +11321,17 @@ static const char *const sbl__glsl_lamp[] = {
 "#endif\n",
 "\n",
 "struct sbl_Pick {\n",
-"    int leaf;      // the lamp that is picked\n",
+"    int leaf;      // index of the picked lamp\n",
 "    float share;   // probability of picking this lamp\n",
 "    vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend\n",
 "    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
 "\n",
-"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
-"// Each choice maps the part of 0..1 that has led to the chosen child back to 0..1, so that p.u.x stays uniform.\n",
-"// node: -1: the cluster of all lamps, if there are near ones and far ones\n",
+"// Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in\n",
+"// proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x\n",
+"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
-"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
+"    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
 "    int beyond = node < 0 ? lamp_nodes : sbl_cluster(node).beyond;\n",
 "    for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {\n",
@@ -11287,11 +11347,11 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
-"// Factor of a triangle's light at a point: what textures, vertex colours and reflections do to it. b: weights of\n",
-"// its second and third corner\n",
+"// Returns the factor of a triangle's light at a point: the effect of textures, vertex colours and reflections. b:\n",
+"// barycentric weights of the second and third corner\n",
 "vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {\n",
 "    int object = int(sbl_triangle_object(l.triangle));\n",
-"    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.\n",
+"    // A glow is a part of a triangle. This replaces b by the weights of the same point in the whole triangle.\n",
 "    for (int i = 0; i < (l.glow ? 1 : 0); i++) {\n",
 "        sbl_Lamp whole_triangle = l;\n",
 "        vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;\n",
@@ -11309,33 +11369,33 @@ static const char *const sbl__glsl_lamp[] = {
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
-"// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays\n",
-"// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic\n",
-"// direct illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray\n",
-"// towards a cluster picks one of its lamps, in proportion to their light.\n",
+"// Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
+"// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure\n",
+"// the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct\n",
+"// illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray towards a\n",
+"// cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly\n",
-"// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
-"uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
-"uniform float scale;                  // output / R\n",
+"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually\n",
+"// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
+"uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
+"uniform int rays;                     // maximum number of rays per look, without those to rims and point lights\n",
+"uniform float scale;                  // factor from R to the output\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of invocations among which the measurement divides a look's rays\n",
+"uniform int parts;                    // number of parts into which the measurement divided a look's rays\n",
 "uniform int sheet_slot;               // slot of the look's views in the view texture\n",
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
+"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance\n",
+"SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance\n",
 "SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
 "SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale\n",
 "#ifdef SBL_DIRECTIONAL\n",
@@ -11345,45 +11405,47 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "#endif\n",
 "const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // the variance from n stratified points is SBL_STRATA / sqrt(n) times that\n",
-"                                    // from independent points (measured with shadow edges on a lamp)\n",
+"const float SBL_STRATA = 1.5;       // n stratified points give SBL_STRATA / sqrt(n) times the variance of n\n",
+"                                    // independent points (measured with shadow edges on a lamp)\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
-"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // a group with fewer rays per part than this on average is `sparse`: no ratio\n",
+"const float SBL_SPARSE = 4.0;       // lamps of one facing are `sparse` if a part has fewer rays to them: no ratio\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree after fewer\n",
+"const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier\n",
 "const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
 "const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,\n",
+"                                                           // for others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
-"const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
+"const float SBL_RIM_AT = 0.99;      // fraction of a round lamp's area inside the circle of its rim samples\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor where lamps without a closed form are picked\n",
+"const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor for picking lamps without a closed form\n",
 "#endif\n",
-"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
+"const float SBL_KNOWN = 1e-6;       // clusters get no more rays if (variance / squared light) is below this\n",
 "\n",
-"int look;                    // the look that is measured: its number in the batch\n",
+"int look;                    // the look that is measured: its index in the batch\n",
 "uvec2 scramble;\n",
 "\n",
-"#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
-"uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face\n",
-"uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
-"uniform ivec2 sheet;            // size of a sheet (the views of one look), texels\n",
+"#ifdef SBL_VIEWS  // for geometry that only the host can draw: the sensor's views show if it hides the lamp\n",
+"uniform sampler2D view_texture; // rgb: radiance towards the sensor; a: distance along the view's axis, < 0: back\n",
+"                                // face\n",
+"uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, in texels\n",
+"uniform ivec2 sheet;            // size of a sheet (the views of one look), in texels\n",
 "uniform int view_count;\n",
 "uniform float tangent;          // tangent of half the field of view\n",
-"uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
+"uniform float extent;           // scene extent in world units: unit of the view texture's distances\n",
 "\n",
 "const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
 "const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of\n",
-"// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.\n",
+"// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction\n",
+"// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -11410,8 +11472,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at\n",
+"                                                                 // this texel\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // true: the shown surface and the lamp differ in\n",
+"                                                                 // facing\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
@@ -11424,21 +11488,21 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN\n",
-"                             // point lights fill the array from its end\n",
+"int entries[SBL_LAMPS];      // n >= 0: lamp n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN point\n",
+"                             // lights are stored backwards from the array's end\n",
 "float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i\n",
-"int used, certain;           // number of entries from the array's start on; number of point lights at its end\n",
+"int used, certain;           // number of entries at the array's start; number of point lights at its end\n",
 "float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
-"float crowd_within;          // estimate of what `crowd` would be if all lamps of clusters were entries\n",
-"mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
-"                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
+"float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries\n",
+"mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
+"                             // except texels and the `certain` point lights. Each facing has its own ratio seen /\n",
 "                             // open, because one side of a closed mesh hides the other\n",
-"bool rounded = false;        // true: some of the lamps considered are not triangles\n",
-"mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light\n",
+"bool rounded = false;        // true: some of the considered lamps are not triangles\n",
+"mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light\n",
 "#ifdef SBL_GROUPS\n",
-"vec3 whole_layers[2 * SBL_GROUPS];  // by group, as `whole`: first the layers of group 0, then those of group 1\n",
+"vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1\n",
 "\n",
-"// Adds the light of a lamp to sums that are ordered as whole_layers.\n",
+"// Adds the light of a lamp to sums ordered like whole_layers.\n",
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
 "        vec3 part = light * sbl_lamp_share(l, g);\n",
@@ -11450,9 +11514,9 @@ static const char *const sbl__glsl_lamps[] = {
 "#define sbl_add_layers(sums, l, light)\n",
 "#endif\n",
 "\n",
-"// R / unit from an unobstructed lamp. With SBL_LOBE, it is the mean radiance in the lobe / unit that comes from\n",
-"// the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise an estimate above 0.\n",
-"// A perfect mirror has no light from lamps here, because its rays find it.\n",
+"// Returns R / unit from an unobstructed lamp. With SBL_LOBE, returns the mean radiance / unit that the lobe\n",
+"// receives from the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise a rough\n",
+"// estimate, above 0. For a perfect mirror, returns 0, because the mirror's rays find the lamps.\n",
 "vec3 sbl_expected(sbl_Lamp l) {\n",
 "    vec3 light = sbl_unhindered(l);\n",
 "#ifdef SBL_LOBE\n",
@@ -11463,9 +11527,9 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LOBE\n",
-"// Factor of the linearly transformed cosine for light from a direction: what sbl_lobe_factor would return, divided\n",
-"// by the lobe's albedo, if the lobe were that cosine. The closed form of a lamp is its light in the cosine. Rays\n",
-"// measure which share of it arrives; `sampled` adds the difference between the lobe and the cosine.\n",
+"// Returns the factor of the linearly transformed cosine for light from a direction: the result of sbl_lobe_factor,\n",
+"// divided by the lobe's albedo, if the lobe were this cosine. The closed form of a lamp is its light in the\n",
+"// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
 "    float length2 = dot(w, w), cosine = dot(direction, n);\n",
@@ -11473,7 +11537,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// True if sbl_unhindered is a closed form.\n",
+"// Returns true if sbl_unhindered is a closed form.\n",
 "bool sbl_has_closed_form(sbl_Lamp l) {\n",
 "#ifdef SBL_LOBE\n",
 "    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;\n",
@@ -11484,7 +11548,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
 "// nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry\n",
-"// if its radius is below this share of its distance. last: true: a node of any size is one entry\n",
+"// if its radius is below this * its distance. last: true: a node of any size is one entry\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -11565,18 +11629,20 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
-"// other lamps is the closed form times the ratio seen / open.\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: sums of the rays' light without obstruction, and with it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse groups\n",
-"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps\n",
+"// Sums over the rays. Light from clusters, texels and lamps of sparse facings is the mean of the rays' light;\n",
+"// light from other lamps is the closed form times the ratio seen / open.\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with\n",
+"                                              // it\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse facings\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
+"                                              // lamps\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
-"float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`\n",
+"float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`\n",
 "#ifdef SBL_LOBE\n",
-"vec2 lobe_squares = vec2(0);                  // by group: sum of squared luminances of the rays' light in `open`\n",
+"vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`\n",
 "#endif\n",
-"vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
-"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples\n",
+"vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by facing: number of unblocked and of blocked rays and rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
 "#ifdef SBL_GROUPS\n",
@@ -11662,27 +11728,28 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has smaller strata.\n",
-"// The variable `lamps` is the effective number of lamps, with those in clusters.\n",
+"// Returns the variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has\n",
+"// smaller strata. The variable `lamps` is the effective number of lamps, including those in clusters.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
-"// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.\n",
+"// Returns true if more rays are needed: for lamps of one facing, only some of the rays are blocked or attenuated,\n",
+"// or the light sampled from clusters is too noisy.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
 "    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
 "                    (seen[1] != vec3(0) && seen[1] != open[1]);\n",
 "#ifdef SBL_LOBE\n",
-"    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // what is sampled corrects the closed forms\n",
+"    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // `sampled` corrects the closed forms\n",
 "#endif\n",
 "    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: spherical\n",
-"// harmonics of that light; layers: its layers\n",
+"// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics, layers:\n",
+"// those of this light\n",
 "struct sbl_Result {\n",
 "    vec4 light;\n",
 "    mat3x4 harmonics;\n",
@@ -11705,7 +11772,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
-"        // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST\n",
+"        // n / n exceeds 1 on NVIDIA; without min, the variance would be negative, which means SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        float rays_counted = samples[g];\n",
 "#ifdef SBL_LOBE\n",
@@ -11721,7 +11788,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
 "                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
 "#ifdef SBL_GROUPS\n",
-"        // Layers: as harmonics. The deviations of all layers add up to 0, because `share` is seen / open.\n",
+"        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.\n",
 "        vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        for (int i = 0; i < SBL_GROUPS; i++)\n",
 "            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
@@ -11732,9 +11799,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    return r;\n",
 "}\n",
 "\n",
-"// Returns the result of an invocation that has made all passes although its rays agreed after fewer. early: its\n",
-"// result at that time. Other invocations stop there. Since this one stands for them, too, it multiplies the change\n",
-"// since then by 1 / SBL_PASS_CHANCE. The mean of all invocations is thus the same as if all made all passes.\n",
+"// Russian roulette over passes: if the rays agree early, an invocation stops, except with probability\n",
+"// SBL_PASS_CHANCE. For an invocation that continued, returns early + (final - early) / SBL_PASS_CHANCE, so that\n",
+"// the expected value equals that of always making all passes. early: result when the rays first agreed\n",
 "sbl_Result sbl_combine_after(sbl_Result early) {\n",
 "    sbl_Result r = sbl_combine();\n",
 "    float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);\n",
@@ -11747,8 +11814,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    return r;\n",
 "}\n",
 "\n",
-"// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
-"// to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
+"// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided\n",
+"// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -11765,7 +11832,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
-"    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
+"    int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report\n",
 "    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
@@ -11802,14 +11869,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // Rim samples find shadow edges that hide only a small part of a lamp, so that more passes are made.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);\n",
 "    sbl_Result early;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
-"        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.\n",
+"        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.\n",
 "        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
@@ -11889,8 +11956,8 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (sbl__scene_lamps(s, spec->glows)->mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
-   floats per texel of the padded sheet, of which the first three are a unit vector. */
+/* Computes the directions of row j of a view's texels, in the frame of a look without rotation. `directions` has 4
+   floats per texel of the padded sheet; the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -11916,20 +11983,20 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
                +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots, in both back ends (>>raster rounds it up to whole rows) */
-#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: too narrow to hit the walls of a corner */
-#define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
-#define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
+#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test in degrees: too narrow to hit the walls of a corner */
+#define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view in texels */
+#define SBL__STUCK_TEXTURE 512  /* maximum width and height of the view texture's part for stuck tests, in texels */
 
-/* How a kind of look (at a site, or a stuck test) is divided into views: their directions, projections and places. */
+/* How looks of one kind (at a site, or stuck tests) are divided into views: directions, projections and positions */
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
-    sbl__slots slots;           /* slots of the view texture; each holds a sheet, the views of one look */
-    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
+    sbl__slots slots;           /* slots of the view texture; each contains the sheet of one look */
+    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height in texels */
     sbl__texture weights;       /* per texel of a sheet: weight, and ratio of distance to depth, see sbl__weights_row */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK (stuck tests) looks from a sensor at its surface. */
+/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK, a stuck test, looks from a sensor at its surface. */
 enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
@@ -11937,8 +12004,8 @@ typedef struct sbl__raster {
     sbl__texture view_texture, depth;
     sbl__target target;
     sbl__buffer views;
-    float radiance_scale;      /* value in the view texture / radiance */
-    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them; else NULL */
+    float radiance_scale;      /* value in the view texture per unit of radiance */
+    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them, else NULL */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
@@ -11956,8 +12023,8 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__free(d->base, r->directions);
 }
 
-/* Computes the slots and the area of a lens. They fit into a square of view_texture_size texels, or of more if one
-   sheet needs more, up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots and the area of a lens. They fit into a square of view_texture_size texels, or of the size of one
+   sheet if that is larger, up to the driver's limit `most`. If a sheet exceeds the limit, the lens has 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
@@ -12040,25 +12107,28 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.\n",
+"// Draws the scene into the views of many sensors. Each instance is a view, clipped to its part of the view\n",
+"// texture.\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
 "layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
-"layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
-"layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
-"layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
+"layout(location = 5) in vec4 view_right;    // xyz: unit vector to the right / tan(fov / 2); w: scale of x in clip\n",
+"                                            // space\n",
+"layout(location = 6) in vec4 view_up;       // xyz: unit vector up / tan(fov / 2); w: scale of y in clip space\n",
+"layout(location = 7) in vec4 view_forward;  // xyz: unit vector; w: lowest y: -1, or 0 if the view begins at the\n",
+"                                            // horizon\n",
 "layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float radiance_scale;\n",
 "out vec3 clip;                              // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined\n",
+"flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
-"out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface, world space\n",
+"out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface in world space\n",
 "\n",
 "void main() {\n",
 "    int number = int(object);\n",
@@ -12092,24 +12162,24 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 /* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
-"layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);\n",
-"                                             // distance along the view's axis in scene extents, < 0: back face\n",
+"layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor (Ck of the paper); a: distance\n",
+"                                             // along the view's axis in scene extents, negative for a back face\n",
 "in vec3 clip;                               // x, y and w of the position in clip space\n",
-"uniform vec2 view_texture_size;              // texels\n",
+"uniform vec2 view_texture_size;              // in texels\n",
 "uniform float radiance_scale;\n",
-"uniform int first_triangle;                  // number of the first triangle of the draw call\n",
+"uniform int first_triangle;                  // index of the draw call's first triangle\n",
 "flat in int fragment_object;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
 "in vec3 fragment_way, fragment_position;\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z for rounding\n",
+"const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in scene extents\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, in texels\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z, for rounding errors\n",
 "\n",
-"// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
-"// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
+"// Returns false for fragments at wrong positions. A triangle whose plane contains the sensor projects to a line;\n",
+"// rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
 "bool sbl_seen_here() {\n",
 "    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
 "    vec2 beside = abs(clip.xy - at * clip.z) * 0.5 * view_texture_size;\n",
@@ -12175,7 +12245,7 @@ static const char *const sbl__glsl_sky_vertex[] = {
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface\n",
+"layout(location = 0) out vec4 out_radiance;  // a: 0, no surface; otherwise see sensor_fragment.glsl\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction, 0.0), 0); }\n",
 0 };
@@ -12193,8 +12263,8 @@ static const sbl__input sbl__view_inputs[] = {
     { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
 };
 
-/* Clears whole rows of slots, at least the first `slots` slots: radiance sbl_scene_desc.sky, farthest depth. Later
-   sbl__raster_sky draws the environment's picture into them. */
+/* Clears whole rows of slots, at least the first `slots` slots, to the radiance sbl_scene_desc.sky and the farthest
+   depth. Later, sbl__raster_sky draws the environment's picture into them. */
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
@@ -12206,7 +12276,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     sbl__clear(d, sky);
 }
 
-/* Gets the lowest x and y of a slot's sheet in the view texture, texels. */
+/* Gets the lowest x and y of a slot's sheet in the view texture, in texels. */
 static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
     corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
     corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
@@ -12230,7 +12300,8 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     return result;
 }
 
-/* Fills what the draw callback gets about a view, except what sbl__host_draw sets. number: index of the view in b */
+/* Fills the draw callback's description of a view, except the fields that sbl__host_draw sets. number: index of the
+   view in b */
 static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
                              sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
@@ -12268,7 +12339,7 @@ static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const 
     v->face = face;
 }
 
-/* Draws the environment's picture. The scene's vertex array has the attributes of the views already. */
+/* Draws the environment's picture. The scene's vertex array must have the attributes of the views. */
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
@@ -12313,7 +12384,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because only views show whether geometry that the host draws hides a lamp. */
+/* Gives lamps.glsl access to the views, because only views show whether the host's own geometry hides a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -12336,9 +12407,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
 "uniform sampler2D view_texture;  // written by sensor_fragment.glsl\n",
 "uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth\n",
-"uniform int block;               // width and height of a block, texels\n",
+"uniform int block;               // width and height of a block, in texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
-"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
+"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0\n",
 "uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
@@ -12380,7 +12451,7 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
     { &sbl__look_record }, SBL__DIRECTIONAL
 };
 
-/* Computes the partial sums of rows[1] rows of slots from row rows[0] on. looks: NULL if the job is not directional */
+/* Computes the partial sums of rows[1] rows of slots, from row rows[0] on. looks: NULL if the job is not directional */
 static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
                                      const sbl__table *looks, const int rows[2]) {
     const sbl__layout *l = &lens->layout;
@@ -12402,14 +12473,15 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces rays over the hemisphere. A ray's cost grows with the logarithm of the triangle count. */
+   The back end that traces rays over the hemisphere. The cost of a ray grows with the logarithm of the triangle
+   count. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
-#define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
-#define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
+#define SBL__TRACE_COLUMNS 256     /* maximum number of looks in a row of the textures of partial sums */
+#define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, in texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, one ray each */
+    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, of one ray each */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -12436,8 +12508,8 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                             s->columns * s->blocks[0], rows * s->blocks[1]);
 }
 
-/* Estimates the bytes that a further layer texture needs in the partial sums of rays and of light from lamps, if a look
-   has more rays than by default. rays: sbl_options.rays */
+/* Estimates the bytes that a further layer texture adds to the partial sums of rays and of light from lamps, for looks
+   with more rays than by default. rays: sbl_options.rays */
 static double sbl__trace_layer_bytes(int rays) {
     return 20 * SBL__MIN((double)SBL__SLOTS_MOST * rays / 8, (double)SBL__TRACE_TEXELS * SBL__TRACE_TEXELS);
 }
@@ -12445,13 +12517,13 @@ static double sbl__trace_layer_bytes(int rays) {
 /* >>glsl guide: shaders_embedded/guide.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_guide[] = {
 "// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_BANDS\n",
-"// intervals, one per band of the hemisphere, and for each band into SBL_GUIDE_SECTORS intervals, one per sector.\n",
-"// It stores the beginning of each interval as a 16-bit number, eight of them per texel.\n",
+"// intervals, one per band of the hemisphere, and again for each band into SBL_GUIDE_SECTORS intervals, one per\n",
+"// sector. It stores the start of each interval as a 16-bit number, eight of them per texel.\n",
 "#ifdef SBL_GUIDED\n",
 "uniform usampler2D sbl_guides;\n",
 "\n",
-"// Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns\n",
-"// its beginning, its end and its index.\n",
+"// Finds the interval that contains x among the 8 * texels intervals stored from texel `from` on. Returns the\n",
+"// interval's start, end and index.\n",
 "vec3 sbl_guide_interval(ivec2 from, int texels, float x) {\n",
 "    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);\n",
 "    for (int i = 0; i < texels; i++) {\n",
@@ -12467,8 +12539,8 @@ static const char *const sbl__glsl_guide[] = {
 "    return at;\n",
 "}\n",
 "\n",
-"// Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its\n",
-"// ray: the inverse of the point's density, so that the expected value of the ray's light does not change.\n",
+"// Maps a uniform point u in the unit square to a point distributed by the guide. Returns the weight of its ray,\n",
+"// the inverse of the point's pdf, which keeps the expected value of the ray's light.\n",
 "float sbl_guide(int guide, inout vec2 u) {\n",
 "    const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
 "    const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);\n",
@@ -12487,25 +12559,26 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
-"// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them\n",
-"// at near hits and at metal, cast.glsl at metal.\n",
+"// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl\n",
+"// traces them at near hits and at metal, cast.glsl at metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.\n",
+"// At a surface of larger reflectance, the path continues in a direction sampled from the surface's lobe.\n",
 "const float SBL_SHINY = 0.2;\n",
-"// The ray treats a smoother surface as if its roughness were SBL_BLURRED. A ray of a look's lobe (SBL_LOBE) uses\n",
-"// SBL_BLURRED_LOBE times the roughness of that lobe instead. This blurs light that lamps send by way of mirrors;\n",
-"// otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for\n",
+"// Such a surface gets at least the roughness SBL_BLURRED. For rays of a look's lobe (SBL_LOBE), the minimum is\n",
+"// SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that arrives by way of mirrors;\n",
+"// otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for\n",
 "// Holistic and Robust Light Transport\").\n",
 "const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;\n",
-"bool hit_shines = false;     // true: the last hit is such a surface\n",
-"float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps\n",
+"bool hit_shines = false;     // true: the reflectance of the last hit exceeds SBL_SHINY\n",
+"float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
+"                             // (sbl_lobe_met); 0: ignore lamps that the ray hits\n",
 "\n",
 "bool sbl_shines(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;\n",
 "}\n",
 "\n",
-"// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.\n",
+"// Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.\n",
 "float sbl_hit_density(sbl_Hit hit, vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,\n",
@@ -12514,20 +12587,20 @@ static const char *const sbl__glsl_reflect[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// The rays that leave a near hit. All start at `from`.\n",
+"// The two rays that leave a near hit. Both start at `from`.\n",
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
 "    vec3 to_lamp;           // unit direction of the ray to a lamp\n",
 "    float away;             // length of that ray; 0: no lamp gives light\n",
-"    int number;             // number of the lamp's triangle in the scene, or -1\n",
-"    vec3 light;             // light that the ray to the lamp finds if nothing is in its way\n",
+"    int number;             // index of the lamp's triangle in the scene, or -1\n",
+"    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
 "    int layer;              // layer of that light, see SBL_GROUPS\n",
-"    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds\n",
+"    vec3 direction, share;  // of the next segment: direction, and factor of the throughput\n",
 "    float density;          // ray_density of the next segment\n",
 "};\n",
 "\n",
-"// Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.\n",
-"// direction: the direction of the ray that arrives at the hit. hash: the source of the random numbers\n",
+"// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment. direction:\n",
+"// direction of the ray that arrives at the hit. hash: source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -12584,8 +12657,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;\n",
 "    r.to_lamp = normalize(to);\n",
 "    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;\n",
-"    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false if the light is not a number, because the\n",
-"                                                                 // hit is on the lamp itself\n",
+"    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is\n",
+"                                                                 // on the lamp itself\n",
 "    r.away = lit ? away : 0.0;\n",
 "    r.light = lit ? r.light : vec3(0);\n",
 "    return r;\n",
@@ -12596,49 +12669,49 @@ static const char *const sbl__glsl_reflect[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
-"// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
+"// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
+"// outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
 "// out_hits.z is SBL_LOST if rays were lost.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
-"uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
+"uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
-"uniform float ray_length;             // rays end here and see the sky\n",
-"uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
+"uniform float ray_length;             // rays end at this length and see the sky\n",
+"uniform float distance_limit;         // in the mean distance, larger distances count as this one\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "SBL_OUT_LAYERS(2, 3, 4, 5, 6, 7)\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
-"                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
+"SBL_OUT(5, out_even);                 // control variate, for radiance 1 from everywhere: the exact harmonics minus\n",
+"                                      // those that these rays measure. reduce_sum.glsl adds it, times the mean\n",
 "                                      // radiance, to the measured harmonics\n",
 "#endif\n",
 "\n",
 "const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
-"// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to\n",
-"// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
+"// sbl_is_near gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a\n",
+"// cell are near. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
-"// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
+"// For rays of a lobe, the factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
 "// over cells.\n",
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
-"float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows\n",
+"float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
 "uniform int sky_layer;          // layer of the sky\n",
 "vec3 layers[SBL_GROUPS];        // sum of the rays' light, by layer\n",
-"vec3 carried;                   // share of the light at the current hit that the ray carries to the sensor\n",
+"vec3 carried;                   // throughput of the ray up to the current hit\n",
 "\n",
 "void sbl_add_layer(int layer, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += g == layer ? light : vec3(0);\n",
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Adds `factor` times the layers of a leaf. leaf: what sbl_leaf_at returns\n",
+"// Adds `factor` times the layers of a leaf. leaf: result of sbl_leaf_at\n",
 "void sbl_add_stored(int leaf, vec3 factor) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += factor * sbl_layer_of(leaf, g);\n",
 "}\n",
@@ -12649,11 +12722,10 @@ static const char *const sbl__glsl_trace[] = {
 "#define sbl_add_stored(leaf, factor)\n",
 "#endif\n",
 "\n",
-"// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, the function also adds `carried` times\n",
-"// that radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true\n",
-"// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only\n",
-"// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;\n",
-"// later segments find it.\n",
+"// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
+"// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the\n",
+"// hit is near; the radiance then lacks all reflected light, which further rays find. material: set only with\n",
+"// SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -12694,18 +12766,18 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.\n",
-"// The value of a single ray near the horizon is far too noisy.\n",
+"// Returns the mean of 1 / cosine (to the normal) over the stratum of u; each of the look's rays has its own\n",
+"// stratum. The value of a single ray near the horizon would be far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light\n",
-"// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near\n",
-"// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
-"// bounced light. The last segment reads the store at any distance.\n",
+"// Maximum number of segments of a ray. At near hits (see sbl_is_near and SBL_FIRST_SCALE), the mean light of the\n",
+"// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract\n",
+"// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced\n",
+"// light. The last segment reads the store at any distance.\n",
 "const int SBL_LEGS = 3;\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
@@ -12734,7 +12806,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);\n",
 "#endif\n",
-"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL; so does the variable `even`\n",
+"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
@@ -12762,7 +12834,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "        sbl_Reflection next;\n",
 "#endif\n",
-"        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.\n",
+"        // Even iterations trace the segments of the ray; odd iterations trace rays from near hits to lamps.\n",
 "        int turns = 2 * SBL_LEGS - 1;\n",
 "#ifdef SBL_LOBE\n",
 "        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon\n",
@@ -12855,14 +12927,15 @@ static const sbl__recipe sbl__recipe_trace = {
     SBL__SPECULAR | SBL__LOBE | SBL__GROUPS
 };
 
-/* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
-   its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
+/* Traces the rays of a batch. Its looks must be in b->table. stuck: 1: each look traces only one ray, along its normal.
+   paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);  /* without glows: segments find their light */
+    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);  /* without glows: paths add the light of glows where
+                                                                      they hit them */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -12883,33 +12956,34 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites, by rays or by views, and writes one reading per site, which has the same
-   form in both cases. Every caller uses the same loop:
+   A job measures the light at a list of sites, by rays or by views. It writes one reading per site, in the same form
+   for both. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources until a task or a scene needs different ones. After an error the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones. After an error, the job can begin again.
 
    A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
    first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
-                 first round: looks                                     second round: stuck tests              */
+                 first round: looks                                     second round: stuck tests */
 
 #define SBL__READ_ROWS 16          /* maximum number of rows of results per readback */
-#define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
+#define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, while their cost is unknown */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the back_share of its first look is larger */
-#define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the back_share of its first look exceeds this */
+#define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this * its offset */
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
-#define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one towards lamps */
+#define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one ray towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
-#define SBL__TEXEL_NOISE 2.6f      /* this / sbl__spec.size: standard error, divided by R, caused by the texels of
-                                      views; added to a look's variance as a square; measured in a box with a lamp */
+#define SBL__TEXEL_NOISE 2.6f      /* standard error, as a fraction of R, that the texels of views cause: this /
+                                      sbl__spec.size; its square is added to a look's variance; measured in a box with a
+                                      lamp */
 
-/* What a job has to do. The caller must keep the arrays until the job is done. */
+/* The work of a job. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
     const sbl__site *sites;
@@ -12917,9 +12991,9 @@ typedef struct sbl__task {
     float *layers;              /* output of jobs with several layers: per site, 3 floats for each layer of light from
                                    layer 1 on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* number of the job's first look; look n has slot n % sbl__slots.count. 0, except in
-                                   >>inspect, which repeats a look with the number that it had in an earlier job */
-    const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide; used only if spec.guided is 1 */
+    int first_look;             /* index of the job's first look; look n has slot n % sbl__slots.count. It is 0, except
+                                   in >>inspect, which repeats a look with the index that it had in an earlier job */
+    const sbl__guides *guides;  /* guides for the sites' rays, see >>guide; used only if spec.guided is 1 */
 } sbl__task;
 
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
@@ -12937,40 +13011,40 @@ typedef struct sbl__job {
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
     sbl__spec made_for;         /* the spec for which the resources below were made */
     uint32_t made_for_scene;    /* version of the scene for which the resources were made; 0: they are missing,
-                                   incomplete or outdated, and must be made */
+                                   incomplete or outdated */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
+    /* Results of the looks of a round. Look n has the texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
        Texture 0: R * sbl__job_scale; sum of the weights of directions that see back faces
-       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance, or
+       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; smallest distance, or
        SBL__LOST if rays were lost; variance of the luminance of texture 0, without SBL__TEXEL_NOISE. Both distances are
        in world units if rays are traced, otherwise in scene extents
        Textures 2 to 4, if the job is directional: harmonics of red, green and blue light
-       Textures from 2 on, if there are light groups: their layers, see SBL__LAYER_TEXTURES */
+       Textures from 2 on, if the job has light groups: their layers, see SBL__LAYER_TEXTURES */
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
-    sbl__table lobe_table;      /* the lobes of these looks, as shaders read them */
+    sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
     sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless the spec is `lobe` */
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
-    int lost;                   /* number of looks of which rays were lost, see sbl__job_lost */
-    int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 means 1 */
+    int lost;                   /* number of looks that lost rays, see sbl__job_lost */
+    int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
     uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
-    int look_end;               /* 1 + number of the round's last look. The round's first look has the number
+    int look_end;               /* 1 + index of the round's last look. The round's first look has the index
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
-    int drawn, aimed, reduced;  /* numbers of three looks: the next to draw, to trace rays to lamps for, to reduce */
-    int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
+    int drawn, aimed, reduced;  /* indices of three looks: the next to draw, to trace rays to lamps for, to reduce */
+    int batch;                  /* number of looks in the batch that is partly drawn; 0: none */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
-/* Frees what traced jobs hold, which takes less time to make again than a picture's first round takes. */
+/* Frees the resources of traced jobs. To make them again takes less time than a picture's first round. */
 static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
@@ -12997,8 +13071,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options, in which the defaults and the back end must be filled in already.
-   Except in the paper's mode, sbl__scene_step must have finished the scene. Fields that no option sets become 0. */
+/* Derives the spec of a job from the host's options, with defaults and back end filled in. Except in the paper's mode,
+   sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -13026,28 +13100,28 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Returns options.backend, or chooses one for SBL_BACKEND_AUTO, by rules that depend on the input, not on times. */
+/* Returns options.backend. Replaces SBL_BACKEND_AUTO by rules that depend on the input, not on times. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: of the triangle (see surface.glsl), used if
+/* Returns the distance of sensors from their surface in world units. reach: of the triangle (see surface.glsl), used if
    rays are traced; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Returns the number of layers of light. A spec is not directional if it has light groups. */
+/* Returns the number of layers of light. A spec with light groups is not directional. */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1 + spec->groups; }
 
-/* Returns the standard error, divided by R, of layers 1 to 4 of a look whose R has no noise, or 0 for views and
+/* Returns the standard error, as a fraction of R, of layers 1 to 4 of a look whose R has no noise; 0 for views and
    no_light. The error comes from rays near the horizon, which are few and have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
 
-/* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
+/* Gets the size of a look's sheet: the texels of its views, or one row with one texel per ray. */
 static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
@@ -13055,13 +13129,14 @@ static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     *height = spec->traced ? 1 : layout.sheet[1];
 }
 
-/* Returns the number of rays per look for a target error. Where this is not enough, sensors take more looks. */
+/* Returns the number of rays per look for a target error. Where this is too few, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which the rays per look must grow; 1 for views or if options.rays is set.
-   error: target error; variance: relative, of a look. Looks of too few rays miss rare light and underestimate noise. */
+/* Returns the factor, a power of two, by which the number of rays per look must grow; 1 for views or if options.rays is
+   set. error: target error; variance: relative variance of a look. Looks with too few rays miss rare light and
+   underestimate noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || s->options.backend != SBL_BACKEND_TRACE) return 1;
@@ -13070,7 +13145,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
-/* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
+/* Compilation fails here if sbl__spec has padding, which memcmp would compare. Add the size of each new field. */
 typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 19 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
@@ -13082,7 +13157,7 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
 
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
-/* Returns the factor by which all radiance in the job's textures is multiplied. */
+/* Returns the factor of all radiance in the job's textures. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
 /* Returns the layout of a look's views, or NULL if sensors trace rays. */
@@ -13090,7 +13165,7 @@ static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
 
-/* Makes the textures and the sequences of rays' directions, and allocates the array of looks, one per slot. */
+/* Makes the textures and the sequences for rays' directions, and allocates the arrays of looks, one per slot. */
 static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -13114,7 +13189,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     return j->looks && (j->lobes || !spec->lobe) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of views, if there are views, and records for which spec and scene the resources are made. */
+/* Computes the weights of views, if sensors rasterise, and records the spec and the scene of the resources. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -13129,19 +13204,19 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl\n",
-"// has made the partial sums; for rays, trace.glsl.\n",
+"// Sums the partial sums of each look; each output texel is the result of one look. The partial sums come from\n",
+"// reduce_blocks.glsl for views, and from trace.glsl for rays.\n",
 "uniform sampler2D block_sums, block_hits;  // out_sum and out_hits of reduce_blocks.glsl or trace.glsl\n",
-"uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
-"uniform int columns, slots;    // number of slots per row; number of all slots\n",
-"uniform int first, last;       // numbers of the first and last look to compute\n",
-"uniform sampler2D lights;      // R by lamps.glsl: `parts` estimates per look, whose mean is added\n",
-"uniform int parts;             // number of texels per look in `lights`, one below the other; 0: no lamps\n",
+"uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, in texels\n",
+"uniform int columns, slots;    // number of slots per row; number of slots in total\n",
+"uniform int first, last;       // indices of the first and last look to compute\n",
+"uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added\n",
+"uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps\n",
 "layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
 "uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics\n",
-"uniform bool even;             // true: add the correction by block_even\n",
+"uniform bool even;             // true: add the correction from block_even\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -13156,7 +13231,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "SBL_PART_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)\n",
 "#endif\n",
 "\n",
-"// Sum of a look's harmonics of one colour, or of some of its layers, from partial sums and from lamps.\n",
+"// Returns the sum, from partial sums and from lamps, of a look's harmonics of one colour, or of some of its\n",
+"// layers.\n",
 "vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {\n",
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
@@ -13217,7 +13293,8 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts the round of a kind of looks (`lens`). Returns SBL_ERROR_UNSUPPORTED if a texture cannot hold the results. */
+/* Starts the round of looks of one kind (`lens`). Returns SBL_ERROR_UNSUPPORTED if a texture cannot hold the
+   results. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size;
@@ -13241,7 +13318,7 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results, textures, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
+/* Compiles one of the missing shader programs. If none is missing, starts the round of the sites' looks. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -13266,7 +13343,7 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round, for a slot. A stuck test has the position of the site's first look and faces the
+/* Makes the next look of the round in a slot. A stuck test has the position of the site's first look and faces the
    surface. */
 static void sbl__job_next_look(sbl__job *j, int slot) {
     sbl__look *out = &j->looks[slot];
@@ -13281,7 +13358,7 @@ static void sbl__job_next_look(sbl__job *j, int slot) {
     j->site++;
 }
 
-/* Describes the batch of `count` looks from look number `first` on. */
+/* Describes the batch of `count` looks, from look `first` on. */
 static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *out) {
     memset(out, 0, sizeof *out);
     out->scene = j->scene;
@@ -13298,7 +13375,7 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Sends the looks of a batch, and their lobes, to the tables that shaders read. */
+/* Sends the looks of a batch and their lobes to the tables that shaders read. */
 static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     const sbl__device *d = j->device;
     const int room = b->slots->count;
@@ -13307,7 +13384,7 @@ static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
-/* Draws a batch of `room` looks (at least one; traced: in whole lots), or fewer if spec.batch, the slots or the round
+/* Draws a batch of `room` looks (at least one; traced: whole lots), or fewer if spec.batch, the slots or the round
    allow no more. If `room` is less than the batch of views, draws only a part of the scene's triangles to them, and the
    next call continues this batch. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
@@ -13344,8 +13421,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Draws one submission of rays, or up to SBL__SUBMISSIONS of views if there is time, without waiting in between:
-   software renderers prepare one while they draw another. SBL_SUCCESS: the slots are full, or no looks are left. */
+/* Draws one submission of rays, or up to SBL__SUBMISSIONS of views if the slice allows, without waiting between them:
+   software renderers prepare one while they draw another. Returns SBL_SUCCESS when the slots are full or the round
+   ends. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -13357,7 +13435,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0 && !traced)  /* first draw the sky into all slots that looks will fill */
+    if (j->stages.at++ == 0 && !traced)  /* first draws the sky into all slots that looks will fill */
         sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
     room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
@@ -13373,7 +13451,8 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
 static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Makes lamps.glsl current, sets uniforms. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: output / R */
+/* Makes lamps.glsl current and sets its uniforms. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: factor
+   from R to the output */
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
@@ -13389,8 +13468,8 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     return SBL_SUCCESS;
 }
 
-/* Traces rays towards lamps for as many looks in the slots as the slice has time for. Their views are drawn already
-   (see sbl__raster_bind). */
+/* Traces rays towards lamps for as many looks in the slots as the slice allows. Their views must be drawn (see
+   sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -13446,7 +13525,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* Reduces drawn looks to their results, as many rows of slots as the slice has time for. */
+/* Reduces drawn looks to their results, for as many rows of slots as the slice allows. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -13472,14 +13551,15 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-/* Returns 1 if a reading's numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
+/* Returns 1 if a reading's numbers are finite. In scenes of extreme size they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
 /* Adds a look's light and variance to its site's reading; the first look sets hits and distances. After the last look,
-   takes means; if rays were lost or a number is not finite, clears the reading (invalid). found: see sbl__job_judge */
+   takes means, and clears the reading (invalid) if rays were lost or a number is not finite. found: see
+   sbl__job_judge */
 static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -13521,13 +13601,13 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     j->site++;
 }
 
-/* Evaluates the result of the round's next look. found: the look's texel of each texture of results
+/* Evaluates the result of the round's next look. found: the look's texel in each texture of results
 
-   A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
-   decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
-   whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
-   sensor back to its surface. So does each site if rays are short, because they may not reach the walls of the body. If
-   the test hits nearer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
+   A sensor is stuck if its offset moved it through another surface into a body. A look's share of back faces does not
+   prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. Therefore a
+   site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from the sensor
+   back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the walls of
+   the body. If the test hits closer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
@@ -13575,9 +13655,9 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Returns 0 if no looks were lost. If looks were lost, sets a larger divisor of the rays per invocation, which later
-   jobs in the scene keep, and returns 1: the job must begin again. If the divisor is already the largest, or looks are
-   views, it warns instead and returns 0; the readings of the lost looks stay invalid. */
+/* Returns 1 if the job must begin again because looks were lost, after setting a larger divisor of the rays per
+   invocation, which later jobs in the scene keep. If the divisor is already the largest, or looks are views, warns and
+   returns 0; the readings of the lost looks stay invalid. Returns 0 if no looks were lost. */
 static int sbl__job_lost(sbl__job *j) {
     if (!j->lost) return 0;
     if (j->task.spec.traced && j->divisor < SBL__DIVISOR_MOST) {
@@ -13589,7 +13669,8 @@ static int sbl__job_lost(sbl__job *j) {
 }
 
 /* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete, begins the job
-   again if looks were lost; otherwise starts the stuck tests if this was the sites' round and there are suspects. */
+   again if looks were lost; otherwise starts the stuck tests if this was the sites' round and some sites are
+   suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -13655,7 +13736,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Returns the share of the job that is done, 0 to 1. The few stuck tests are not counted. */
+/* Returns the fraction of the job that is done, 0 to 1. The few stuck tests are not counted. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
@@ -13673,8 +13754,8 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* the work that fills the store. It stays after the store is ready, because
-                                   a change of lights uses its points again. NULL: filling has not begun */
+    struct sbl__bounce *bounce; /* the work that fills the store. It is kept after the store is ready, because its
+                                   points are used again when lights change. NULL: filling has not begun */
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
@@ -13691,7 +13772,7 @@ static sbl_result sbl__core_sense(sbl__core *c, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Clears the statistics when work begins, except seconds.scene; sets the triangle count, the mode and the back end. */
+/* Clears the statistics when work begins, except seconds.scene. Sets the triangle count, the mode and the back end. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
@@ -13703,106 +13784,111 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
+   Fills the store of bounced light. Rays from samples of all surfaces find the positions that surfaces see, and these
    become points. Each leaf gets up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
-   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit. If
-   there are too many leaves, or too few, the work begins again with cells of another size, and in the latter case with
+   become points of other leaves, until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the
+   store has too many leaves, or too few, the work begins again with cells of another size, and in the latter case with
    samples on small triangles, too.
 
-   Ray r of leaf i hits leaf j, which reflects the share a of its light, so that R_i = L_i + mean over r of a * R_j,
+   Ray r of leaf i hits leaf j, which reflects the fraction a of its light, so that R_i = L_i + mean over r of a * R_j,
    where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
    are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   The differences between the points of a leaf tell its standard error. Light of that amount and of random sign is sent
-   from leaf to leaf along the same rays; the amount that arrives is the uncertainty of light gathered there. A second
-   part of the uncertainty is that the light varies within the cells that are near.
+   The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
+   random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
+   gathered there. A second part of the uncertainty is the variation of the light within near cells.
 
-   Where a surface continues beneath an object that stands on it, one leaf must not get light on both sides of the
-   object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
+   Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
+   object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
    a flat surface cuts all cells along its contact line. */
 
-/* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
+/* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
 #define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the
-                                      fill by reflecting leaves is less, small triangles get surface samples */
+#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
+                                      by reflecting leaves is less, small triangles get surface samples */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* largest fill by leaves on black surfaces if sbl__bounce.black is BLACK_JOINED */
+#define SBL__FILL_BLACK 0.25       /* last attempt, after the size of cells is found: maximum fill by leaves on black
+                                      surfaces */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth, or the reflecting
-                                      share of the area if less; widest cells are then as wide as level 0 at growth 1 */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* lower limit of patching.growth, or the
+                                                                              reflecting fraction of the area if less;
+                                                                              widest cells are then as wide as level 0
+                                                                              at growth 1 */
 #define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
-#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell hit a larger share of the points, cells shrink
+#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell hit a larger fraction of the points, cells shrink
                                       even if smaller cells did not double the number of leaves that rays hit */
-#define SBL__BOUNCE_POOL 16.0      /* cells do not become larger once sbl__patching.pool has reached this; hits for
-                                      which no leaf is left then stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number, on average, of positions of surface samples on the area of a
-                                      cell of the level sbl__store.unseen_level, except on black surfaces */
+#define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
+                                      which no leaf is left stay dark */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* smallest mean number of positions of surface samples per cell area at the
+                                          level sbl__store.unseen_level, except on black surfaces */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
-                                      get cells of the widest level; otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* at most this many small triangles, on average, get surface samples */
+                                         get cells of the widest level, otherwise of the level below it */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* at most about this many small triangles get surface samples */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
-#define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf before rounds of division */
-#define SBL__BOUNCE_POINTS_MOST 32 /* largest number of points of a leaf after rounds of division */
+#define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
+#define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
 #define SBL__BOUNCE_AFAR 8.0       /* points of a leaf beyond BOUNCE_POINTS lie only where rays longer than this many
                                       cells hit; shorter rays, as in a lamp's bowl, hit the brightest part of a leaf */
-#define SBL__BOUNCE_RAYS 16        /* rays of a point */
-#define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
-#define SBL__BOUNCE_BYTES 2600.0   /* estimated bytes per cell of sbl__store.max_leaves that filling the store needs */
-#define SBL__BOUNCE_GROUP_BYTES 136.0  /* the same for each light group in addition */
-#define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
-#define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
-#define SBL__DIVIDE_FILL 0.85      /* fill up to which leaves are divided */
-#define SBL__DIVIDE_HITS 8.0       /* least number of rays that hit a leaf that is divided */
-#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read
-                                      has a larger standard error, relative to the light */
-#define SBL__DIVIDE_POINTS 0.19    /* a leaf should have this many points for each ray that hits it, times the share
-                                      of light that it reflects, times the standard deviation of the light in its
-                                      region, relative to the root mean square of all light */
-#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level would be */
+#define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
+#define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
+                                      sbl__store.max_leaves */
+#define SBL__BOUNCE_GROUP_BYTES 136.0  /* additional bytes per cell for each light group */
+#define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>bounce: division */
+#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
+#define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
+#define SBL__DIVIDE_HITS 8.0       /* minimum number of rays that hit a leaf that is divided */
+#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
+                                      a larger relative standard error */
+#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
+                                      albedo * (standard deviation of the light in its region) / (root mean square of
+                                      all light) */
+#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
 #define SBL__SCORES 512            /* number of classes of scores */
 #define SBL__SCORE_STEPS 4         /* classes per factor of two */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
-#define SBL__BOUNCE_STUCK_RAYS 4   /* rays over the hemisphere that tell whether a point needs a stuck test */
-#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
+#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards glows */
+#define SBL__BOUNCE_STUCK_RAYS 4   /* number of rays over the hemisphere that decide if a point needs a stuck test */
+#define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
                                       both belong to one patch, which is smooth */
 #define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
-#define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
-#define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
+#define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
+#define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
 #define SBL__BOUNCE_SCALED 4       /* after each of this many first rounds of the iteration, all bounced light is
-                                      multiplied by one factor per channel, so that it converges sooner */
-#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds of the iteration that computes all bounces */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* largest estimated share of all light that is missing when the iteration ends */
+                                      multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* maximum estimated fraction of all light that is missing when the iteration ends */
 #define SBL__UNCERTAINTY_ROUNDS 6
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
-                                      low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
-                                      multiplied by UNCERTAINTY_STRATA; too high where few rays all hit one leaf */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
+                                         low discrepancy, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before the
+                                      factor UNCERTAINTY_STRATA; the noise is too high where few rays all hit one
+                                      leaf */
 #define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
-                                      errors of stored light in the rooms of examples/MEASUREMENTS.md */
-#define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
-                                      store takes; >>map predicts it for pictures */
-#define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
-#define SBL__BOUNCE_LIT 0.7f       /* approximate share of the time of filling until the light of lamps is measured at
-                                      all points; rounds of division take the rest */
+                                           errors of stored light in the rooms of examples/MEASUREMENTS.md */
+#define SBL__BOUNCE_TIME 0.35f     /* approximate fraction of the time of readings, vertices and probes for filling the
+                                      store; >>map predicts it for pictures */
+#define SBL__BOUNCE_CAST 0.5f      /* approximate fraction of the time of filling for rays between surfaces */
+#define SBL__BOUNCE_LIT 0.7f       /* approximate fraction of the time of filling until the light of lamps is measured
+                                      at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine positions */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
-#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* most rays cast at once */
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of rays cast at once */
 
 /* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
-   is a surface normal, and the two 16-bit numbers in `fractions` choose a cosine-distributed direction about it. */
+   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
@@ -13811,12 +13897,12 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
-/* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. side: triangle << 1 | back; SBL__NOWHERE: the ray hit
-   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE. It is valid after sbl__bounce_link, and before
-   that only if `firm` is 1. albedo: share of light that the surface reflects, see sbl__share_pack. by_metal: 1: the ray
-   has met metal before. firm: 1: the hit belongs to `leaf` until a cut takes a part of this leaf; only hits of points'
-   rays are firm */
+/* The hit of a ray, or a surface sample. distance: length of the ray in world units; for a surface sample, length of
+   the shortest of its rays that hit a surface, or SBL__UNSEEN. side: triangle << 1 | back; SBL__NOWHERE: the ray hit
+   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__bounce_link, and before that
+   only if `current` is 1. albedo: of the surface, see sbl__share_pack. by_metal: 1: the ray had reflected off metal
+   before this hit. current: 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__bounce_place sets it for
+   any queued hit; it is tested only for hits of points' rays */
 typedef struct sbl__hit {
     float position[3], distance;
     uint32_t side, leaf;
@@ -13827,27 +13913,27 @@ typedef struct sbl__hit {
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 /* A point of a leaf. leaf: index of the leaf; number: index among the leaf's points; measured: 1: `light` and `valid`
-   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows; shine: R that
-   metal reflects from lamps and the sky, see cast.glsl */
+   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows; shine: R that metal
+   reflects from lamps and the sky, see cast.glsl */
 typedef struct sbl__bounce_point {
     sbl__hit at;
     int leaf, number, measured, valid;
     float light[3], shine[3];
 } sbl__bounce_point;
 
-/* What a valid point's ray reads in each round of the iteration: the light of a leaf, and the share that is reflected,
-   see sbl__share_pack. Rays that read nothing are left out. */
+/* The part of the iteration's sum that one ray of a valid point adds in each round: the light of a leaf times the
+   albedo, see sbl__share_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
-/* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
+/* A leaf while the store is filled. points: number of points; most: maximum number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
-   readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
-   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: number of
-   points that existed when a cut last took a part of the leaf, so that hits of later points have found the leaf as it
-   is; 0: no such cut was made since all hits were placed; read_end: index after that of the leaf's last read. Its reads
-   follow those of the leaf before it. */
+   readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
+   its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
+   points that existed when a cut last split the leaf (hits of later points have found the leaf as it is); 0: no cut has
+   split it since all hits were placed; read_end: index after that of the leaf's last read. Its reads follow those of
+   the leaf before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -13863,12 +13949,14 @@ enum {
     SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SHARES, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
-/* Says which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its leaves;
-   but rays of its points find surfaces whose light falls on the black surface, and these surfaces need leaves. */
+/* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
+   leaves; but rays of its points find surfaces whose light falls on the black surface, and these surfaces need
+   leaves. */
 typedef enum sbl__black {
-    SBL__BLACK_EQUAL,     /* black surfaces get leaves as other surfaces do */
+    SBL__BLACK_EQUAL,     /* black surfaces get leaves like other surfaces */
     SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
-    SBL__BLACK_JOINED     /* the size of cells has been found; black surfaces get leaves up to SBL__FILL_BLACK */
+    SBL__BLACK_JOINED     /* last attempt, after the size of cells is found: black surfaces get leaves up to
+                             FILL_BLACK */
 } sbl__black;
 
 typedef struct sbl__bounce {
@@ -13876,65 +13964,64 @@ typedef struct sbl__bounce {
     sbl__core *core;
     sbl__store *store;
     const sbl__geometry *geometry;
-    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces for which the store is filled. After
-                                        a change of only `scene`, only light is computed again */
+    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces for which the store is filled. If only
+                                        `scene` has changed, only light is computed again */
     sbl__bounce_point *points;
-    float *layers;                   /* with light groups: 6 floats per point and group: for each group 3 floats, the
-                                        part of the point's `light`; then for each group the part of its `shine` */
-    int layer_room;                  /* number of points for which `layers` has room */
+    float *layers;                   /* with light groups: per point, for each group 3 floats, the part of `light`; then
+                                        for each group 3 floats, the part of `shine` */
+    int layer_room;                  /* capacity of `layers`, in points */
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
-    int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further ones follow */
-    int glows;                       /* 1: a job measures the light of glows at all points, so the points' rays do not
-                                        count bright leaves, and the light of bright leaves is fixed */
-    sbl__hits hits;                  /* hits of points' rays (BOUNCE_RAYS per point), before that of samples' rays */
+    int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
+    int glows;                       /* 1: a job measures the light of glows at all points, so that the points' rays
+                                        skip bright leaves, and the light of bright leaves is fixed */
+    sbl__hits hits;                  /* hits of points' rays (BOUNCE_RAYS per point); before that, of samples' rays */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples, spread over all surfaces */
-    sbl__hits queue;                 /* hits that may become points. Its list points into that of samples, hits or
-                                        released */
+    sbl__hits queue;                 /* hits that may become points. Its list points into samples, hits or released */
     sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
     sbl__hits released;              /* hits that waited for the last cuts; the queue points to them */
     sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
-    int cut_leaves;                  /* number of leaves, from 0 on, whose contact rays have been cast */
+    int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
-    /* a cache: side of the last ray from a surface, and what sbl__side_offset has computed there */
+    /* a cache: side of the last ray from a surface, and the results of sbl__side_offset there */
     struct { uint32_t side; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, positions in the air */
     sbl_reading *readings;
     int site_count;                  /* number of points in `sites`; not used by the last job */
     struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
-    int changed;                     /* number of leaves that the round of division has divided or that lack points */
-    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat
-                                                   surface) that have cut their cells; a bucket keeps the latest */
-    int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
-                                        hit waits any more, so all of `hits` must be queued again */
+    int changed;                     /* number of leaves that this round of division has divided or that need points */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat surface) that
+                                                   have cut their cells; a bucket keeps the latest */
+    int recheck;                     /* 1: a line has cut leaves with indices below cut_leaves, for which no hit waits
+                                        any more, so that all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
-    sbl__bounce_read *reads;         /* what rays read, leaf by leaf; made again if a leaf or point changes its state */
+    sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
+                                        state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
     int layer_round;                 /* number of rounds of the iteration that have computed layers */
-    struct { double direct, before, after; } layer_balance[3 * SBL_MAX_LIGHT_GROUPS];  /* as `balance`, per layer */
+    struct { double direct, before, after; } layer_balance[3 * SBL_MAX_LIGHT_GROUPS];  /* like `balance`, per layer */
     double change;                   /* balance.change of the previous round */
     /* luminance of the radiance that rays find, summed over rays; its square, summed over rays that hit leaves; number
        of rays; luminance of R, summed over points. Weighted by sbl__point_weight and the share of the point's leaf */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* least factor by which the cells' area must grow because no leaves are left. 0:
-                                        the area need not grow, or it can grow no more and hits without a leaf are
-                                        dropped. */
+    double needed_growth;            /* smallest factor by which the cells' area must grow because no leaves are left.
+                                        0: the area need not grow, or it cannot, and hits without a leaf are dropped */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
-    sbl__black black;                /* says which leaves black surfaces get */
+    sbl__black black;                /* decides which leaves black surfaces get */
     int black_leaves;                /* number of leaves on black surfaces */
-    int sample_small;                /* 1: small triangles get surface samples, too. It is set when few leaves reflect
-                                        light, since the light may be in a small room of a large scene. */
+    int sample_small;                /* 1: small triangles get surface samples, too. This is set when few leaves reflect
+                                        light, since the light may be in a small room of a large scene */
     int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
     int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     sbl__table casts;
@@ -13947,27 +14034,26 @@ typedef struct sbl__bounce {
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
-"// random direction with cosine distribution; -limit is its maximum length.\n",
-"// out_position: xyz: position of the hit, far away if none; w: 1 + triangle's number % SBL_CAST_NUMBERS,\n",
-"// negative for its back side; 0 if nothing was hit or the driver ended a loop early\n",
+"// Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal\n",
+"// `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:\n",
+"// position of the hit, far away if the ray hits nothing; w: 1 + triangle index % SBL_CAST_NUMBERS, negative for\n",
+"// the back of the triangle; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
+"// rgb: albedo for bounced light; a: triangle index / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
 "SBL_OUT(1, out_albedo);\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
-"// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal\n",
+"// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
 "SBL_OUT(2, out_shine);\n",
 "#ifdef SBL_GROUPS\n",
 "// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer\n",
-"// of the other part, which a lamp sends\n",
+"// of the other part, which comes from a lamp\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
 "vec4 parts;\n",
 "uniform int sky_layer;\n",
 "\n",
-"// Follows a ray that has met metal by one segment, as sensors do. hit: becomes the hit of that segment; origin,\n",
-"// direction: become those of that segment. share: becomes the share of the light there that the ray carries.\n",
-"// Returns the light of lamps and of the sky.\n",
+"// Continues a ray that has hit metal by one segment, as sensors do. hit, origin, direction: become those of this\n",
+"// segment. share: throughput, updated. Returns the light of lamps and of the sky.\n",
 "vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,\n",
 "               uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
@@ -14013,7 +14099,7 @@ static const char *const sbl__glsl_cast[] = {
 "    }\n",
 "    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
 "        shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);\n",
-"        // A ray that hits nothing has found its sky: out_position is not far away, so that none is added.\n",
+"        // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.\n",
 "        position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);\n",
 "    }\n",
 "    sbl_write(out_shine, shine);\n",
@@ -14043,7 +14129,7 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
-/* The same for scenes with metal: rays that meet it go on. */
+/* the same for scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
@@ -14054,10 +14140,10 @@ static const sbl__recipe sbl__recipe_cast_metal = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR | SBL__BOUNCED | SBL__GROUPS
 };
 
-/* Returns 1 if rays that fill the store may meet metal. */
+/* Returns 1 if rays that fill the store may hit metal. */
 static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
 
-/* Uses the program that casts rays. */
+/* Makes the program that casts rays the current one. */
 static sbl_result sbl__cast_use(sbl__device *d, const sbl__scene *scene) {
     const int metal = sbl__cast_has_metal(scene);
     const unsigned groups = (unsigned)scene->light_groups << SBL__GROUPS_SHIFT;
@@ -14119,8 +14205,8 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
     return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
 }
 
-/* Adds the light that a point's ray finds by way of metal to the point's light. parts: out_parts of cast.glsl, or NULL
-   if there are no light groups */
+/* Adds the light that a point's ray finds by way of metal to the point's shine. parts: out_parts of cast.glsl; NULL
+   without light groups */
 static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
@@ -14134,7 +14220,7 @@ static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3],
 }
 
 /* Casts some of the rays stages.at to count - 1. Returns SBL_UNFINISHED until all are cast, then SBL_SUCCESS. make:
-   computes a ray from its number. hits: receives the hit of each ray at the ray's number */
+   computes a ray from its index. hits: receives the hit of each ray at the ray's index */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -14144,7 +14230,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     const size_t room_made = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
     const int outputs = sbl__cast_outputs(&b->core->scene);
-    float *texels[4] = { NULL, NULL, NULL, NULL };  /* what cast.glsl has written */
+    float *texels[4] = { NULL, NULL, NULL, NULL };  /* output of cast.glsl */
     sbl_result result;
     int i, k, lost = 0;
     d->gl.doing = "casting rays between surfaces";
@@ -14177,8 +14263,8 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 
 /* >>bounce: hits that may become points */
 
-/* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side and
-   SBL__PATCH_NEAR set if a short ray found it. */
+/* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side, and with
+   SBL__PATCH_NEAR if a near ray found the hit. */
 static uint32_t sbl__hit_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->side >> 1] ^ (at->side & 1 ? SBL__PATCH_BACK : 0);
     return patch | (sbl__is_near(s, at->distance) ? SBL__PATCH_NEAR : 0);
@@ -14190,10 +14276,10 @@ static uint32_t sbl__hit_word(const sbl__store *s, const sbl__hit *at) {
     return sbl__hit_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
 }
 
-/* Returns a pointer to the reference to the leaf of a hit; the reference is 0 if there is no leaf yet; NULL: no bucket
-   is left. If the cell has no leaf and leaves are becoming scarce, a wider cell is used; once a round of division
-   has begun, only if the cell has no cuts. Places with the distance SBL__UNSEEN begin with cells of level unseen_level.
-   patch: NULL, or receives the patch word with the level of the cell */
+/* Returns a pointer to the leaf reference of a hit (0: no leaf yet), or NULL if no bucket is left. If the cell has no
+   leaf and leaves are becoming scarce, uses a wider cell; once a round of division has begun, only if the cell has no
+   cuts. Surface samples with the distance SBL__UNSEEN begin with cells of level unseen_level. patch: NULL, or receives
+   the patch word with the level of the cell */
 static uint32_t *sbl__hit_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     const sbl__store *s = b->store;
@@ -14217,8 +14303,8 @@ static void sbl__side_normal(const sbl__geometry *g, uint32_t side, float normal
     for (k = 0; k < 3; k++) normal[k] = (float)(side & 1 ? -n[k] : n[k]);
 }
 
-/* Computes the normal as sbl__side_normal does. Returns the distance from the surface at which rays from
-   that side start. */
+/* Computes the normal like sbl__side_normal. Returns the distance from the surface at which rays from this side
+   start. */
 static float sbl__side_offset(const sbl__geometry *g, uint32_t side, float normal[3]) {
     const float *p[3];
     double longest = 0, away = 0;
@@ -14250,8 +14336,8 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
 }
 
 /* Empties the store. Sets unseen_level, the length of cells (1 in a scene without area) and the area below which
-   patches are pooled. If growth and pool are 1, leaves on both sides of all surfaces use about the share SBL__FILL_AIM
-   of the store. */
+   patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__FILL_AIM of the
+   store. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -14275,14 +14361,15 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
-/* Returns 0 if out of memory. */
+/* Adds a hit to a list. Returns 0 if memory is exhausted. */
 static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
     return 1;
 }
 
-/* Adds a surface sample on each side of a triangle, at the position that a hash chooses. Returns 0 if out of memory. */
+/* Adds a surface sample on each side of a triangle, at a position derived from the hash. Returns 0 if memory is
+   exhausted. */
 static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
     const float *p[3];
@@ -14300,9 +14387,10 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
     return ok;
 }
 
-/* Sets a triangle's patch word and, if sensors can see it, adds surface samples at random positions: per area of a cell
-   patching.growth positions, or more, see SAMPLES_LEAST. samples_due carries fractions to the next triangle. If
-   sample_small is 1, at most about SMALL_SAMPLES of the triangles that get no position by area get one, too. */
+/* Sets a triangle's patch word and, if sensors can see the triangle, adds surface samples at random positions:
+   patching.growth positions per cell area, or more, see SAMPLES_LEAST. samples_due carries fractions to the next
+   triangle. If sample_small is 1, at most about SMALL_SAMPLES of the triangles that get no position by area get one,
+   too. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -14324,7 +14412,8 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Adds a point at a hit, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
+/* Adds a point to a leaf at the position of a hit. Projects the position onto the triangle's plane, since rounding
+   moves hits off it. Returns 0 if memory is exhausted. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->side >> 1, 0);
@@ -14348,7 +14437,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     return 1;
 }
 
-/* Adds a leaf without points and lets the reference lead to it. Returns 0 if out of memory. */
+/* Adds a leaf without points, and makes the reference lead to it. Returns 0 if memory is exhausted. */
 static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__base *base = &b->core->base;
     sbl__store *s = b->store;
@@ -14375,22 +14464,22 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
-/* Returns the number of points that a leaf gets: a queued hit becomes a point only if its leaf has fewer. */
+/* Returns the maximum number of points of a leaf: a queued hit becomes a point only if its leaf has fewer. */
 static int sbl__points_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
     return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
 }
 
-/* Returns 1 if placing hit number `number` of all points' rays again would do nothing: the leaf has not been cut since
-   the hit was found in it, and has all its points. */
+/* Returns 1 if placing hit `number` of all points' rays again would change nothing: no cut has split the leaf since the
+   hit was found in it, and the leaf has all its points. */
 static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int number) {
     const int leaf = (int)hit->leaf;
     return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Makes a point of a queued hit if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
-   to cut, the hit waits. Does nothing if black surfaces have as many leaves as they may and the hit is on one. If
-   there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the hit. */
+/* Makes a point of a queued hit if its leaf, which may be new, needs one. In an older leaf that contact rays have yet
+   to cut, the hit waits. Does nothing if the hit is on a black surface and these have all leaves that they may have. If
+   no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the hit. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
@@ -14419,7 +14508,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes a list of hits, which is not copied, the queue. Returns the stage that makes points of them. */
+/* Makes a list of hits the queue, without copying it. Returns the stage that makes points of them. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -14446,9 +14535,9 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
 }
 
 /* Called when an attempt leaves much of the store free. Returns the factor, below 1, of the cells' area for the next
-   attempt; 1: cells have their least size, rays hit no leaf or too few per leaf, or smaller cells did not double the
-   number of leaves that rays hit. The last does not count if many rays are shorter than half a cell: surfaces that see
-   each other may be smaller than cells, so that new leaves come only after several attempts. */
+   attempt. Returns 1 if cells have their smallest size, if rays hit no leaf or too few per leaf, or if smaller cells
+   did not double the number of leaves that rays hit. The last does not count if many rays are shorter than half a cell:
+   surfaces that see each other may be smaller than cells, so that new leaves come only after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
@@ -14507,7 +14596,7 @@ static int sbl__bounce_after_place(void *work) {
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
-    if (b->recheck) {  /* A cut through a leaf with points can leave one side without any. */
+    if (b->recheck) {  /* A cut through a leaf with points can leave one side without points. */
         b->recheck = 0;
         return sbl__bounce_queue_again(b);
     }
@@ -14552,7 +14641,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
                             &b->contacts, slice);
 }
 
-/* The line along which an object stands on a flat surface. */
+/* the line along which an object stands on a flat surface */
 typedef struct sbl__contact {
     uint32_t patch;              /* patch word of the flat surface on which the object stands */
     uint32_t object;             /* identifies the object: patch word | 1 if its patch is flat, else 2 * triangle */
@@ -14566,7 +14655,7 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
 }
 
 /* Makes the line where the flat patch of `at` meets the plane that its contact ray hit, within the bounds of this patch
-   and of the patch hit or, if that is not flat, of the triangle hit. Returns 0 if there is no line or a short one. */
+   and of the patch hit or, if that is not flat, of the triangle hit. Returns 0 if the line is empty or short. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -14608,16 +14697,16 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts a leaf, or a part of a cell without one. See sbl__store_cut. */
+/* Cuts a leaf, or a part of a cell without a leaf. See sbl__store_cut. */
 static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
                                         int side) {
     if (*reference) b->states[*reference - 1].cut = b->points_cast;
     return sbl__store_cut(&b->core->base, b->store, reference, normal, distance, side);
 }
 
-/* Cuts the part of a cell to which the reference leads, with or without a leaf; if the reference leads to a cut, cuts
-   the parts on its sides that the line crosses. Makes no cut below CELL_DEPTH cuts, or twice along a line. depth:
-   number of cuts above the reference. range: where the line enters and leaves that part of the cell, 0 to 1 along it */
+/* Cuts the part of a cell that a reference leads to, with or without a leaf. If the reference leads to a cut, cuts the
+   parts on those of its sides that the line crosses. Does not cut below CELL_DEPTH cuts, or twice along a line. depth:
+   number of cuts above the reference. range: where the line enters and leaves this part, 0 to 1 along the line */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -14650,14 +14739,14 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
     return result;
 }
 
-/* Cuts all cells that the line crosses and that have the patch word line->patch. */
+/* Cuts all cells with the patch word line->patch that the line crosses. */
 static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
     int k;
-    for (k = 0; k < 3; k++) {  /* next: where along the line, 0 to 1, the line leaves the current cube on each axis */
+    for (k = 0; k < 3; k++) {  /* next: where, 0 to 1 along the line, it leaves the current cube on each axis */
         const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
         const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
         next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
@@ -14677,7 +14766,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     return result;
 }
 
-/* Cuts all cells along the line, those of each level and of near and far rays, unless b->recent_lines has the line. */
+/* Cuts all cells along the line, of all levels and for near and far rays, unless b->recent_lines contains the line. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
     uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
@@ -14692,7 +14781,7 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if sbl__contact_make makes one;
+/* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if sbl__contact_make makes one,
    otherwise only the leaf, if it continues behind the hit. Cuts nothing if the plane is nearly parallel to the surface
    or continues it smoothly, see SBL__CONTACT_STEEP. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
@@ -14751,8 +14840,8 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that,
-   scrambled with a hash of `seed`, chooses the direction */
+/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
+   the direction, scrambled with a hash of `seed` */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -14775,7 +14864,8 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts surface samples' rays and queues their hits. A sample's distance becomes that of its nearest hit or UNSEEN. */
+/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to that of its nearest hit, or to
+   UNSEEN. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -14818,7 +14908,7 @@ static int sbl__bounce_after_rays(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* Finds a point's leaf again, because later cuts may have put the point into another leaf, which may be new. */
+/* Finds a point's leaf again, because later cuts may have moved the point to another leaf, which may be new. */
 static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -14839,7 +14929,7 @@ static int sbl__bounce_after_relocate(void *work) {
     return SBL__BOUNCE_SORT;
 }
 
-/* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
+/* Sorts points and their hits by leaf. In another order, rounds of bounces take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -14855,7 +14945,8 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. Points have been sorted. */
+/* Sets `leaf` of the hits of a point's rays to the leaf that the ray hits, or to SBL__NOWHERE. Points must be
+   sorted. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
@@ -14877,7 +14968,7 @@ static int sbl__bounce_after_link(void *work) {
 
 /* >>bounce: light from lamps */
 
-/* Frees what the job needs, and what the iteration needs. */
+/* Frees the data of the job and of the iteration. */
 static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
     sbl__free(base, b->sites);
     sbl__free(base, b->readings);
@@ -14889,7 +14980,7 @@ static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
     b->reads = NULL;
 }
 
-/* Allocates `sites`, `readings` and, if there are light groups, `found_layers`. Frees `reads` first, to save memory. */
+/* Allocates `sites`, `readings` and, with light groups, `found_layers`. Frees `reads` first, to save memory. */
 static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
     sbl__base *base = &b->core->base;
     const size_t groups = (size_t)b->core->scene.light_groups;
@@ -14914,7 +15005,7 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     return b->direct && b->solved ? sbl__bounce_make_sites(b, (size_t)b->point_count) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Adds a site for a point whose light is not measured, or for any point if glows are measured. */
+/* Adds a site for a point whose light is not measured, or for each point if glows are measured. */
 static sbl_result sbl__bounce_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hit = &b->points[at].at;
@@ -14930,7 +15021,8 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job at `count` sites: light from lamps (SBL_MODE_DIRECT), only from glows if b->glows is 1, or all light. */
+/* Begins a job at `count` sites. It measures light from lamps (SBL_MODE_DIRECT), only from glows if b->glows is 1, or
+   all light. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -14944,12 +15036,12 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
-        task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
+        task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment */
         task.spec.groups = c->scene.light_groups;
         task.layers = b->found_layers;
     }
     if (direct && b->glows) {
-        task.spec.glows = task.spec.rays = 1;  /* The first job has found out which points are stuck. */
+        task.spec.glows = task.spec.rays = 1;  /* the first job has found out which points are stuck */
         task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
@@ -14970,7 +15062,7 @@ static int sbl__bounce_after_sites(void *work) {
     return SBL__BOUNCE_LIGHT;
 }
 
-/* Stores the light that was measured at each site in its point. Light of glows is added to that of other lamps. */
+/* Stores the light measured at each site in its point. Adds the light of glows to that of other lamps. */
 static int sbl__bounce_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
@@ -15008,7 +15100,7 @@ static double sbl__point_weight(const sbl__bounce *b, int point) {
     return points > SBL__BOUNCE_POINTS ? (double)SBL__BOUNCE_POINTS / points : 1;
 }
 
-/* Computes the radiance that ray number `ray` of a point finds in the environment; 0 if it hits a surface. */
+/* Computes the radiance of the environment that a ray of a point finds, or 0 if the ray hits a surface. */
 static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float out[3]) {
     const sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS + (size_t)ray];
     double direction[3];
@@ -15031,7 +15123,8 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Returns the approximate share of its cell that a leaf has: each division halves it. 1 if the leaf has no points. */
+/* Returns the approximate fraction of its cell that a leaf covers: each division halves it. Returns 1 for a leaf
+   without points. */
 static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
@@ -15047,7 +15140,7 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     return share;
 }
 
-/* Makes room for the reads of all points. */
+/* Allocates the reads of all points. */
 static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
@@ -15058,7 +15151,7 @@ static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns 1 if a ray reads light in the iteration: that of a leaf whose state `bright` is 0. */
+/* Returns 1 if the iteration reads the light of the leaf that a ray hits: the leaf's state `bright` is 0. */
 static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
     return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
 }
@@ -15080,8 +15173,8 @@ static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
     state->read_end = end;
 }
 
-/* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if
-   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. Makes the leaf's reads. */
+/* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if it
+   has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
 static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -15106,7 +15199,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
 
 #define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
 
-/* Adds SBL__BOUNCE_UNIT times the light that a point receives from leaves whose state `bright` is 0. */
+/* Adds SBL__BOUNCE_UNIT * (light that a point receives from leaves whose state `bright` is 0). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -15126,8 +15219,8 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
                    b->points[point].shine[k];
 }
 
-/* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points receive. Leaves
-   earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points receive. Earlier
+   leaves already have the new light of this round (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -15163,14 +15256,14 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
-/* Returns the stage after all light is known, or, if `layers` is 0, after the layers are known, too. */
+/* Returns the stage after all light is known or, if `layers` is 0, after the layers are known, too. */
 static int sbl__bounce_next(const sbl__bounce *b, int layers) {
     if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
     return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
 }
 
-/* Returns GATHER for another round, or the stage after the last one. In the first rounds, scales gathered light so that
-   emitted and lost light balance, channel by channel; otherwise a room's overall brightness would converge last. */
+/* Returns GATHER for another round, or the stage after the last round. In the first rounds, scales gathered light, per
+   channel, so that emitted and lost light balance; otherwise the overall brightness of a room would converge last. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__store *s = b->store;
@@ -15200,8 +15293,8 @@ static int sbl__bounce_after_gather(void *work) {
     return sbl__bounce_next(b, 1);
 }
 
-/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for the part that each
-   light group causes, with as many rounds. Like that light, the parts are solved again once glows are measured. */
+/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for each light group's
+   part of it, with as many rounds. Like the light itself, the parts are solved again once glows are measured. */
 
 static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -15266,7 +15359,7 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Scales gathered light in the first rounds, as sbl__bounce_after_gather does. */
+/* Scales gathered light in the first rounds, like sbl__bounce_after_gather. */
 static int sbl__bounce_after_layers_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
@@ -15286,7 +15379,7 @@ static int sbl__bounce_after_layers_gather(void *work) {
     return sbl__bounce_next(b, 0);
 }
 
-/* Scales the layers of a leaf so that they add up to its light; what the iteration left is then shared out. */
+/* Scales the layers of a leaf so that they add up to its light. This corrects the remaining error of the iteration. */
 static sbl_result sbl__bounce_shares(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
@@ -15307,30 +15400,31 @@ static int sbl__bounce_grouped_leaves(void *work) {
     return b->core->scene.light_groups ? b->store->leaf_count : 0;
 }
 
-/* >>bounce: division. Light varies most where lamps are near, and many rays read some leaves and few read others. Once
-   the light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf that
-   very many rays read gets further points, because its error makes the whole scene too bright or too dark. The variance
-   that decides this is that of all points in a region, not of one leaf: if leaves were divided because one point is
-   bright by chance, further points would lower their light, and leaves dark by chance would stay as they are. */
+/* >>bounce: division. Light varies most near lamps, and many rays read some leaves while few read others. Once the
+   light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf that very
+   many rays read gets further points, because its error makes the whole scene too bright or too dark. This decision
+   uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by
+   chance would be divided and become darker, and leaves that are dark by chance would stay as they are. */
 
-/* Sums over the rays that hit a leaf. Each ray counts with the sbl__point_weight of its point. hits: number of rays;
-   weight: sum of the squares of the shares of light that the leaf reflects; offsets, squares: per axis, sum of the
-   positions relative to the leaf's first point, and sum of their squares; score: weight times the variance of the light
-   in the leaf's region, relative to the mean square of all light */
+/* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. hits: number of rays;
+   weight: sum of the squares of the luminance of the albedo at the hit; offsets, squares: per axis, sum of the
+   positions relative to the leaf's first point, and of their squares; score: weight * (variance of the light in the
+   leaf's region) / (mean square of all light) */
 typedef struct sbl__spread { double hits, weight, offsets[3], squares[3], score; } sbl__spread;
 
-/* Sums over the points of a region. Each point counts with its sbl__point_weight. points: number of points; light: sum
+/* Sums over the points of a region. Each point has the weight sbl__point_weight. points: number of points; light: sum
    of the luminance of R; squares: sum of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
-    sbl__region *regions;            /* one per bucket of the hash grid; regions that share a bucket count as one */
+    sbl__region *regions;            /* one element per bucket of the hash grid; regions that share a bucket count as
+                                        one */
     sbl__region all;                 /* sums over the points of all regions */
     double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
-    int least;                       /* least class of scores in which leaves are divided */
-    int exact;                       /* 1: the light is exact enough, see DIVIDE_ERROR, so the round changes nothing */
+    int least;                       /* lowest class of scores in which leaves are divided */
+    int exact;                       /* 1: the light is exact enough (see DIVIDE_ERROR), so the round changes nothing */
 } sbl__division;
 
 static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
@@ -15378,7 +15472,7 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the region of a leaf, which is that of its first point. */
+/* Returns the region of a leaf: the region that contains its first point. */
 static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
     const sbl__hit *hit = &b->points[b->states[leaf].first].at;
     const uint32_t side = sbl__hit_patch(b->store, hit) & ~SBL__PATCH_NEAR;
@@ -15449,7 +15543,7 @@ static int sbl__bounce_after_score(void *work) {
     return SBL__BOUNCE_DIVIDE;
 }
 
-/* Returns how many points a leaf should have, 0 to BOUNCE_POINTS_MOST. The number that takes most noise from the
+/* Returns how many points a leaf should have, 0 to BOUNCE_POINTS_MOST. The number that most reduces the noise of the
    mean light that all rays read is proportional to the light's standard deviation and to its weight in the mean. */
 static int sbl__points_due(const sbl__spread *spread) {
     const double points = SBL__DIVIDE_POINTS * sqrt(spread->hits * spread->score);
@@ -15457,7 +15551,7 @@ static int sbl__points_due(const sbl__spread *spread) {
 }
 
 /* Unless light is exact enough, raises `most` of a leaf to the number of points due, and divides a leaf of a high class
-   by a plane through the mean position of its hits, across the axis along which they are spread most. */
+   by a plane through the mean position of its hits, perpendicular to the axis along which they spread most. */
 static sbl_result sbl__bounce_divide(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -15499,7 +15593,7 @@ static int sbl__bounce_after_divide(void *work) {
     return b->changed ? SBL__BOUNCE_RELOCATE : sbl__bounce_next(b, 1);
 }
 
-/* Returns the stage LINK or, if leaves have been divided or lack points, queues all hits and returns PLACE. */
+/* Returns the stage LINK or, if leaves have been divided or need points, queues all hits and returns PLACE. */
 static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
@@ -15509,25 +15603,26 @@ static int sbl__bounce_after_sort(void *work) {
 
 /* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
 
-#define SBL__BRIGHT_LEAST 6.0      /* least radiance of bright leaves, in multiples of the mean radiance of all rays */
-#define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
-                                      easily, and shadow rays towards them are costly */
-#define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
-#define SBL__BRIGHT_CROWD 0.67     /* candidates for bright leaves become bright only if, on average, at most this share
-                                      of the rays of a point that sees them hits candidates; places that fill more of
-                                      the view, such as the gap above a lamp, are found by rays over the hemisphere */
-#define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than
-                                      this * mean R^2: bounced light is smooth, or weak beside the light of lamps */
-#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain.
+#define SBL__BRIGHT_LEAST 6.0      /* smallest radiance of bright leaves, in multiples of the mean radiance of all
+                                      rays */
+#define SBL__BRIGHT_HITS 0.06      /* maximum fraction of rays that hit bright leaves; rays find light from larger areas
+                                      easily, and shadow rays towards these are costly */
+#define SBL__BRIGHT_LEAVES 1024    /* maximum number of bright leaves */
+#define SBL__BRIGHT_CROWD 0.67     /* candidates become bright only if, on average, at most this fraction of the rays of
+                                      a point that sees them hits candidates; rays over the hemisphere find areas that
+                                      fill more of the view, such as the gap above a lamp */
+#define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than this
+                                      * mean R^2: bounced light is smooth, or weak beside the light of lamps */
+#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this fraction of the rays' variance would remain.
                                       With 0.75, rooms with lamps in bowls and tubes were 2 to 7 % brighter and wrong:
                                       the points of such leaves lie where rays from nearby surfaces hit */
 
-/* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
+/* A candidate for a bright leaf. light: its mean radiance, as rays have found it; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
-/* Tells how much the candidates for bright leaves in a cell crowd the view of the points that see them. hits: number of
-   rays that hit these candidates; crowd: sum over these rays of how many rays of the same point hit candidates in any
-   cell. Both are weighted as the sums in sbl__bounce.found are. */
+/* Describes how much the candidates in a cell fill the view of the points that see them. hits: number of rays that hit
+   these candidates; crowd: sum, over these rays, of the number of rays of the same point that hit candidates in any
+   cell. Both are weighted like the sums in sbl__bounce.found. */
 typedef struct sbl__bright_view { double crowd, hits; } sbl__bright_view;
 
 /* Comparison function for qsort: brightest leaves first. */
@@ -15537,9 +15632,9 @@ static int sbl__brighter(const void *first, const void *second) {
 }
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
-   not needed any more. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit it, float 1 is the
-   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. Rays that
-   have met metal do not count there. Metal is thus no glow: its light depends on the direction and is in `shine`. */
+   no longer needed. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit the leaf, float 1 is
+   the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. Rays that
+   have hit metal do not count there. Metal is thus no glow: its light depends on the direction and is in `shine`. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -15571,16 +15666,16 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Finds the cell that contains a leaf's first point. */
+/* Gets the cell that contains a leaf's first point. */
 static void sbl__cell_of_leaf(const sbl__bounce *b, int leaf, sbl__bright_cell *out) {
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
     sbl__hit_find(b, first, &out->patch);
     sbl__cell_at(b->store, out->patch, first->position, out->at);
 }
 
-/* Drops the candidates whose cells fill much of the view of the points that see them. All candidates of a cell remain
-   or none, because leaves of divided cells are small and seen by few rays. views: zeros, one per bucket of the hash
-   grid. Returns how many candidates remain. */
+/* Drops the candidates whose cells fill much of the view of the points that see them. All candidates of a cell are
+   kept, or none, because leaves of divided cells are small and few rays see them. views: zeros, one per bucket of the
+   hash grid. Returns the number of remaining candidates. */
 static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count, sbl__bright_view *views) {
     const sbl__store *s = b->store;
     int i, j, kept = 0;
@@ -15611,8 +15706,8 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     return kept;
 }
 
-/* Returns how many of the candidates, sorted by sbl__brighter, become bright leaves; 0 if the variance of the radiance
-   that rays find is small, or if bright leaves would not reduce it enough. */
+/* Returns how many of the candidates, sorted by sbl__brighter, become bright leaves. Returns 0 if the variance of the
+   radiance that rays find is small, or if bright leaves would not reduce it enough. */
 static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
     const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
     const double received = b->found.received / rays * SBL__BOUNCE_RAYS;
@@ -15627,7 +15722,7 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 
-/* Returns the leaf that rays from afar read at a leaf's first point; -1: there is no such leaf or point. */
+/* Returns the leaf that far rays read at a leaf's first point, or -1 if that leaf or point does not exist. */
 static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
@@ -15682,7 +15777,7 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__free(&b->core->base, list);
     if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
     if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
-    for (i = kept = 0; i < count; i++)  /* drop repetitions of cells with several bright leaves */
+    for (i = kept = 0; i < count; i++)  /* drops repetitions of cells with several bright leaves */
         if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
     s->bright_count = kept;
     return SBL_SUCCESS;
@@ -15693,27 +15788,27 @@ static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
     return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
-/* Returns SITES, to measure the light of glows at all points, or NOISE if there are no glows. That light replaces what
-   the points' rays find on bright leaves, because too few of these rays hit them. */
+/* Returns SITES, to measure the light of glows at all points, or NOISE if the scene has no glows. This light replaces
+   the light that the points' rays find on bright leaves, because too few of these rays hit them. */
 static int sbl__bounce_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
-    for (i = 0; i < b->store->leaf_count; i++) {  /* Leaves that sbl__glow_limit has made ordinary are not bright. */
+    for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
-/* Drops the glows: they are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
+/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
     return SBL__BOUNCE_SHARES;
 }
 
-/* Makes the glows again, and the trees that hold all lamps and glows, for sensors; without bright cells, nothing. */
+/* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
 static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
@@ -15722,8 +15817,8 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 /* >>bounce: uncertainty */
 
 /* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
-   its standard error with a random sign per channel, estimated from the differences between its valid points or, for a
-   single one, as half its light; 0 if there are none. */
+   its standard error with a random sign per channel. The error is estimated from the differences between its valid
+   points; for a single point it is half the light, and without points 0. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -15764,12 +15859,12 @@ static int sbl__bounce_after_propagate(void *work) {
     return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
-/* A cell holds one light for all its parts, but a point that is close to it sees some parts more than others. Returns
-   the squared error that this causes in the light of one ray of a point, as a squared luminance, if the light within
-   the cell has a relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the
-   rays of a point is the squared error of its light. The error grows with the share of the point's hemisphere that the
-   cell covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays,
-   because they do not read this cell. */
+/* A cell has one light for all its parts, but a point close to it sees some parts more than others. Returns the squared
+   error that this causes in the light of one ray of a point, as a squared luminance, if the light within the cell has a
+   relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the rays of a
+   point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
+   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, which do
+   not read this cell. */
 static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                     const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
@@ -15789,8 +15884,8 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     return light * light * share * SBL__MIN(across * across, 1);
 }
 
-/* Restores a leaf's light. Its uncertainty is UNCERTAINTY_STRATA * the relative noise that other leaves have sent, and
-   the error of cells whose light varies, see sbl__bounce_smoothed2. */
+/* Restores a leaf's light. Sets its uncertainty to UNCERTAINTY_STRATA * the relative noise that other leaves have sent,
+   combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -15833,7 +15928,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 /* >>bounce: light in the air, for objects that the host draws */
 
 /* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way from there
-   to its corners, and returns the stage AIR; otherwise returns DONE. */
+   to its corners, and returns the stage AIR. Otherwise returns DONE. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -15885,7 +15980,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Frees all data of the filling of the store: what is being built, and the points and hits that a ready store keeps. */
+/* Frees all data of the filling of the store: temporary data, and the points and hits that a ready store keeps. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -15898,8 +15993,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Returns the filling in progress, the data that a former filling has kept, or a new filling; NULL: out of memory. If
-   only lights have changed since, points and hits remain, and their light is computed again. */
+/* Returns the filling in progress, the data kept from a former filling, or a new filling; NULL: out of memory. If only
+   lights have changed since, keeps points and hits, and their light is computed again. */
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     int i;
@@ -15958,7 +16053,8 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
 };
 
-/* Fills the store by a piece. Returns SBL_UNFINISHED until it is ready, then SBL_SUCCESS. Errors end the filling. */
+/* Does a piece of the filling of the store. Returns SBL_UNFINISHED until the store is ready, then SBL_SUCCESS. An error
+   ends the filling. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
@@ -15978,8 +16074,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1. A restart makes it less than before. Until the number of points is
-   known, it counts as the number for which cells are sized, or a quarter more than there are if that is larger. */
+/* Estimates the finished fraction of the store, 0 to 1. A restart lowers it. While the number of points is unknown,
+   uses the number for which cells are sized, or 1.25 times the present number if that is larger. */
 static float sbl__bounce_progress(const sbl__core *c) {
     const sbl__bounce *b = c->bounce;
     float points, cast;
@@ -15998,8 +16094,8 @@ static float sbl__bounce_progress(const sbl__core *c) {
                : SBL__BOUNCE_LIT;
 }
 
-/* Makes one piece of what a measurement needs: hierarchy and lamps, except in SBL_MODE_PAPER; in SBL_MODE_GI the store
-   and glows. Returns SBL_UNFINISHED until all is ready, then SBL_SUCCESS. */
+/* Does a piece of the preparation for a measurement: hierarchy and lamps, except in SBL_MODE_PAPER; in SBL_MODE_GI also
+   store and glows. Returns SBL_UNFINISHED until all is ready, then SBL_SUCCESS. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -16015,15 +16111,16 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
+   Writes a header, the store and a checksum to a stream. Reads them, and uses them if they are valid and belong to the
+   scene. */
 
 #define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 6u          /* version of the format for a store without light groups */
 #define SBL__SAVED_GROUPED 7u          /* version for a store with light groups: their number follows the header, and
                                           the layers of the leaves follow the bright cells */
-#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
+#define SBL__SAVED_ORDER 0x01020304u   /* shows the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets and of cuts in a stream; leaves: half of it */
+#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets and of cuts in a stream, and twice that of leaves */
 
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
 enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
@@ -16037,7 +16134,7 @@ typedef struct sbl__saved {
     int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
-/* Hashes everything that stored light depends on, part by part. */
+/* Hashes all data that stored light depends on, part by part. */
 static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -16052,7 +16149,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions fit */
+    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions match */
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
@@ -16075,7 +16172,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *sky = sbl__hash_bytes(*sky, &s->light_groups, sizeof s->light_groups);
 }
 
-/* A stream of the host: get reads from it, or put writes to it; the other function is NULL. */
+/* A stream of the host: `get` reads from it, or `put` writes to it; the other function is NULL. */
 typedef struct sbl__saved_stream {
     sbl_read_function get;
     sbl_write_function put;
@@ -16091,7 +16188,8 @@ static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     return 1;
 }
 
-/* Reads or writes what lies between header and checksum; s has its arrays already. Returns 0 if the stream fails. */
+/* Reads or writes the data between header and checksum. s: its arrays must be allocated. Returns 0 if the stream
+   fails. */
 static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triangles) {
     return sbl__saved_transfer(stream, s->origin, sizeof s->origin) &&
            sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
@@ -16124,7 +16222,7 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
            sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* What is wrong with a stream. why: the words, or "" if nothing is wrong. item: the log item of the message */
+/* A fault of a stream. why: the words, or "" if the stream has no fault. item: the log item of the message */
 typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
 
 static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
@@ -16153,7 +16251,7 @@ static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sb
     }
 }
 
-/* Reads a header, and checks all of it that does not depend on the scene. Sets the fault on failure. */
+/* Reads a header, and checks everything that does not depend on the scene. Sets the fault on failure. */
 static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl__saved_fault *fault) {
     const int32_t most = SBL__SAVED_CELLS;
     int32_t cells;
@@ -16180,8 +16278,8 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
         sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
 }
 
-/* Returns 1 if a reference is 0 or leads to a leaf or cut that exists. from: -1, or the number of the cut that has the
-   reference as a side; the reference may then only lead to later cuts, so that no cycle exists */
+/* Returns 1 if a reference is 0 or leads to an existing leaf or cut. from: -1, or the index of the cut that has the
+   reference as a side; the reference may then only lead to later cuts, so that cycles are impossible */
 static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
@@ -16197,7 +16295,7 @@ static int sbl__saved_valid(const sbl__store *s, int groups) {
     for (i = 0; i < s->cut_count; i++) {
         const sbl__cut *cut = &s->cuts[i];
         if (!sbl__saved_leads(s, cut->sides[0], i) || !sbl__saved_leads(s, cut->sides[1], i)) return 0;
-        if (!sbl__all_finite(cut->normal, 4)) return 0;  /* normal and distance */
+        if (!sbl__all_finite(cut->normal, 4)) return 0;  /* checks normal and distance */
     }
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], k ? 0 : -FLT_MAX, FLT_MAX)) return 0;
@@ -16207,7 +16305,7 @@ static int sbl__saved_valid(const sbl__store *s, int groups) {
     return 1;
 }
 
-/* Reads and compares the checksum at the end of a stream. Returns what is wrong with the stream, or NULL. */
+/* Reads and compares the checksum at the end of a stream. Returns the fault of the stream, or NULL. */
 static const char *sbl__saved_end(sbl__saved_stream *stream) {
     const uint64_t sum = stream->sum;
     uint64_t end;
@@ -16215,7 +16313,7 @@ static const char *sbl__saved_end(sbl__saved_stream *stream) {
     return end == sum ? NULL : "it is damaged";
 }
 
-/* Reads the rest of another scene's stream without keeping it. Returns what is wrong with the stream, or NULL. */
+/* Reads the rest of another scene's stream and drops it. Returns the fault of the stream, or NULL. */
 static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *header) {
     uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
                     sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
@@ -16231,7 +16329,8 @@ static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *
     return sbl__saved_end(stream);
 }
 
-/* Reads a store into s, which is empty. On failure, sets the fault unless memory runs out, and the caller frees s. */
+/* Reads a store into s, which must be empty. On failure, sets the fault unless memory is exhausted; the caller then
+   frees s. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, sbl__saved_fault *fault) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED, 0 };
@@ -16265,7 +16364,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     return fault->why[0] ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
+/* Replaces the scene's store by a store from a stream. On failure, the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const sbl__geometry *g = &scene->geometry;
@@ -16301,7 +16400,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 
 /* ======================================================================================================== >>refine
    Adaptive placement of sensors (section III-G): where sensors stand, how many looks each takes, what light the other
-   pixels get from them, and how large the remaining error is likely to be.
+   pixels get from them, and how large the remaining error probably is.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
    sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
@@ -16321,48 +16420,48 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
-   Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are shares of the picture's mean
-   luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; the only field of
-   sbl__refine that they read is expected_sure. */
+   Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
+   mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; the only field
+   of sbl__refine that they read is expected_sure. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* distance of the pixel's sensor from the surface */
-    float error;              /* predicted standard error of the pixel's luminance, not relative; set by sbl__fill */
+    float error;              /* predicted standard error of the pixel's luminance, absolute; set by sbl__fill */
     uint32_t id;              /* sbl_mesh.id of the surface; 0: the pixel shows no surface */
-    uint32_t sensor;          /* number of the pixel's sensor, see sbl__sensor_of; 0: the pixel has none */
+    uint32_t sensor;          /* index of the pixel's sensor, see sbl__sensor_of; 0: no sensor */
 } sbl__pixel;
 
-/* What few pixels have: the pixel's own light, from its sensor or from the store. */
+/* Data that few pixels have: the pixel's own light, from its sensor or from the store */
 typedef struct sbl__sensor {
-    double variance;          /* variance of the luminance of one look, or of light that is from the store */
+    double variance;          /* variance of the luminance of one look, or of light from the store */
     float radiance[3];        /* R, if `sensed`: mean of the looks, or from the store */
     int look;                 /* index of the sensor's first look among all looks of its job */
     int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
-    int looks, wanted;        /* number of looks taken so far; number to have been taken at the end of the round */
-    short round;              /* number of the last round that read the sensor, from 0; 0 also if none has */
+    int looks, wanted;        /* number of looks so far; number of looks at the end of the round */
+    short round;              /* index of the last round that read the sensor; 0 also if no round has */
     unsigned char level;      /* 1 + level of the tile that put the sensor here; 0: the light is from the store */
     unsigned char sensed;     /* 1: radiance is known */
     unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__refine_validate */
-    unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
-                                 SBL__TOUCHED: something is close to it; 0: neither, or not tested */
+    unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under an object; SBL__TOUCHED: a
+                                 surface is close to it; 0: neither, or not tested */
     unsigned char queued;     /* 1: the sensor is among the sites of the current job */
     unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at sbl__pixel.position */
 } sbl__sensor;
 
-/* What a pixel's specular lobe looks like, for refinement of the light in lobes. */
+/* The specular lobe of a pixel, for refinement of the light in lobes */
 typedef struct sbl__pixel_lobe {
     float view[3];            /* unit vector to the viewer */
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
     float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
                                  albedo * R and stored light in the lobe cause it */
-    float light;              /* luminance of R, or 0 if the lobe is too narrow for light in it to change as R does */
+    float light;              /* luminance of R; 0: the lobe is too narrow for its light to change as R does */
 } sbl__pixel_lobe;
 
-#define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of 2 */
+#define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
 
 /* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere at a mean distance below
    HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden is
@@ -16371,60 +16470,68 @@ typedef struct sbl__pixel_lobe {
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
-/* The search for places of a refused texel from which light can leave. */
+/* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find PLACE_RAYS that lie on the chart */
-#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
-#define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
+#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays leave the neighbourhood of the texel */
+#define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
 
 /* Interpolation. Errors are root mean squares. STEP_ERROR and CURVE_ERROR are factors from the second differences at
-   the ends of a tile's edge to the error of interpolation along it: for light with a step, and for light that is a
-   parabola, which sbl__edge_parabola corrects. Both were measured on shadows of lamps, with tiles of 2 to 16 pixels. */
+   the ends of a tile's edge to the error of interpolation along the edge: for light with a step, and for light that is
+   a parabola, which sbl__edge_parabola corrects. Both were measured on shadows of lamps, with tiles of 2 to 16
+   pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
-#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span, pixels, COVERAGE counts extrapolated light too */
+#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for COVERAGE,
+                                           too */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / larger of the sensor's R and mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SILHOUETTE_ERROR if another surface is near: it may cast a shadow */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light that it
+                                           continues */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* lower limit of the error of extrapolated light / larger of sensor's R and
+                                           mean R */
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SILHOUETTE_ERROR if another surface is near, which may cast a
+                                           shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
                                            estimate explains all of a pixel's error */
 #define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; more, as looks can remove that noise instead */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; larger, since looks can remove that noise
+                                           instead */
 /* Noise of sensors. */
 #define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
-#define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
+#define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
-#define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / of n; below 0.5: looks share a sequence */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / of n; below 0.5, since looks share a
+                                           sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of growing from 2n to 4n looks / from n to 2n */
-#define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
+#define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* least number of differences from which a variance share is corrected */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor by which a variance share is corrected */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor by which a variance share is corrected */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance: four sensors are few */
-/* What a round buys: splits of tiles and looks of sensors. */
-#define SBL__MAX_ROUNDS 40              /* after more rounds than this, only necessary splits are bought */
+#define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
+/* What a round buys: splits of tiles, and looks of sensors. */
+#define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
-                                           new readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* the squared error at which a round aims is at least this multiple of what no
-                                           look or split can remove. Without it, a few pixels that cannot improve would
+#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
+                                           readings may change what is worth buying */
+#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
+                                           splits can remove. Without this limit, a few pixels that cannot improve would
                                            force all others to the best possible quality */
-#define SBL__AIM_LEAST 0.7              /* share of the squared target error that bias and noise may always have,
-                                           however large the uncertainty of stored light */
-#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
-                                           stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* AIM_STORED permits at most this multiple of the squared target error,
-                                           because the uncertainty of stored light may be predicted too large */
-#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
-#define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
+#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
+                                           however large the uncertainty of stored light is */
+#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
+                                           of stored light, since less would hardly reduce the sum of both */
+#define SBL__AIM_MOST 4.0               /* AIM_STORED permits at most this * the squared target error, because the
+                                           uncertainty of stored light may be predicted too large */
+#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
+                                           them */
+#define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ adds this * the mean luminance to the light that it compares */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark areas */
 #define SBL__EXPECT_SURE 1.5            /* expected_sure = (squared error foreseen for the end / present one) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
 /* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
@@ -16432,27 +16539,27 @@ typedef struct sbl__pixel_lobe {
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
-/* Two pixels: the ends of a line, or the upper left and lower right corners of a rectangle. */
+/* two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
 typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 
 typedef struct sbl__tile {
     sbl__range area;
     short level;
-    unsigned char split;      /* 1: smaller tiles have replaced this one */
+    unsigned char split;      /* 1: the tile has been replaced by smaller tiles */
     unsigned char must_split; /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
-    int looks;                /* number of looks that new sensors at the tile's corners begin with */
+    int looks;                /* initial number of looks of new sensors at the tile's corners */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
                                  whose errors count (sbl__window_counts) */
     float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
                                  errors are those of R */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
-    float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
+    float raw_bias2;          /* estimate of bias2 from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
     float foreseen_bias2;     /* lower limit of bias2 in a refinement of lobes, see sbl__tile_foresee; otherwise 0 */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
-                                 left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean
-                                 relative squared error by noise, over all pixels */
+                                 left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean relative
+                                 squared error from noise, over all pixels */
     float light, variance;    /* mean luminance of usable corners; relative variance of one look, see sbl__tile_noise */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors; 0: not possible */
@@ -16460,57 +16567,59 @@ typedef struct sbl__tile {
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_restart may give looks more rays */
+    sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_restart may increase the rays per look */
     sbl__spec *spec;
     sbl__stages stages;
     const sbl__atlas *atlas;  /* the atlas of a lightmap; NULL: no test for occlusion */
     int width, height;
-    sbl__window window;       /* where these pixels lie in the whole picture */
+    sbl__window window;       /* position of these pixels in the whole picture */
     int tile_size;            /* width and height of first-level tiles */
-    int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
+    int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and all pixels of one id form one
+                                 smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* sensors tested for occlusion with R above 0: number; sum of sbl_reading.back_share */
+    double lit, lit_backs;    /* of sensors tested for occlusion with R above 0: number; sum of
+                                 sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
-                                 are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): it decides nothing */
+                                 are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): not used */
     float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
     sbl__pixel *pixels;
-    sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Number 0, all zeroes, stands for
-                                 the sensor of each pixel without a sensor, and is only read */
-    uint32_t sensor_count;    /* number of sensors, number 0 included */
-    sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: the light
-                                 is R */
-    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; NULL: errors are those of
-                                 R. Otherwise they are those of FINAL */
-    double shown, shown_pixels;  /* sum over pixels of the luminance of their albedo, which includes that of lobes; and
-                                    the number of these pixels */
-    float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
-    size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
+    sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Sensor 0, all zeroes, stands for
+                                 the sensor of each pixel without one, and is read-only */
+    uint32_t sensor_count;    /* number of sensors, including sensor 0 */
+    sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: R is
+                                 refined */
+    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; errors are those of FINAL.
+                                 NULL: errors are those of R */
+    double shown, shown_pixels;  /* sum over pixels of the luminance of their albedo, including that of lobes; number of
+                                    these pixels */
+    float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
+    size_t harmonics;         /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
                                  those of the next; layer 0 is sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
-    int row;                  /* next row of pixels of the tile that the COUNT stage is at */
+    int row;                  /* next row of pixels of the current tile in the stage COUNT */
     int rounds, weighed;      /* number of rounds whose readings have been taken; 1: errors have been predicted. A
                                  restart sets both to 0 */
-    int listed;               /* number of tiles whose sites this round has listed; for scouts, the number of guides;
-                                 for searches of places, the number of texels in `searched` */
+    int listed;               /* number of tiles whose sites this round has listed; for scouts, number of guides; for
+                                 searches of places, number of texels in `searched` */
     sbl__site *sites;         /* sites of the job */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
     int site_count, site_room, reading_room, reading_layer_room, look_count;
-    int *searched;            /* numbers of the texels that this round searches for places */
+    int *searched;            /* indices of the texels that this round searches for places */
     int searched_count, searched_room;
     sbl__site *places;        /* places of texels, see sbl__sensor.places */
     int place_count, place_room;
-    sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
+    sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors), or of the light that
                                       lobes add to FINAL; their number */
-    float weights[3];         /* factors that turn a difference in each channel into a relative error */
+    float weights[3];         /* factors from a difference in each channel to a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
                                           (mean luminance of the earlier looks - that of the new looks)^2 */
@@ -16518,8 +16627,8 @@ typedef struct sbl__refine {
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
-    double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative. If
-                                 there are lobes, the sum over all surfaces of sbl__pixel_lobe.rest squared */
+    double uncertainty2;      /* sum over pixels of the squared absolute uncertainty of stored light. With lobes, the
+                                 sum over all surfaces of sbl__pixel_lobe.rest squared */
     double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
     float mean_scale;         /* in a refinement of lobes: `mean` divided by the mean of the pixels. It differs from 1
                                  if the host has set the mean */
@@ -16532,13 +16641,13 @@ typedef struct sbl__refine {
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
     double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
-    float least_worth;        /* least worth that is bought in this round; FLT_MAX: only necessary splits are bought */
+    float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
     float price, price_paid;  /* sbl_picture_desc.price; sbl_stats.picture.price */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
-/* Returns the largest number of blocks of sensors: each pixel may have one, besides number 0. A glimpse leaves its
-   sensors behind, at most one per pixel. */
+/* Returns the maximum number of blocks of sensors. Each pixel may have a sensor, in addition to sensor 0. A glimpse
+   leaves its sensors behind, at most one per pixel. */
 static size_t sbl__sensor_blocks(const sbl__refine *r) {
     return 2 * (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
 }
@@ -16554,7 +16663,7 @@ static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Returns the number that pixel `index` of the working grid has in the whole picture. */
+/* Returns the index in the whole picture of a pixel of the working grid. */
 static uint32_t sbl__pixel_number(const sbl__refine *r, int index) {
     const uint32_t x = (uint32_t)(r->window.first[0] + index % r->width);
     return (uint32_t)(r->window.first[1] + index / r->width) * (uint32_t)r->window.whole[0] + x;
@@ -16569,7 +16678,7 @@ static sbl__pixel *sbl__pixel_inside(const sbl__refine *r, int x, int y) {
     return x >= 0 && y >= 0 && x < r->width && y < r->height ? sbl__pixel_at(r, x, y) : NULL;
 }
 
-/* Returns a pixel's sensor. All its fields are 0, and must stay so, if the pixel has none. */
+/* Returns a pixel's sensor, or sensor 0 if the pixel has none. All fields of sensor 0 are 0, and must stay so. */
 static sbl__sensor *sbl__sensor_of(const sbl__refine *r, const sbl__pixel *p) {
     return r->sensors[p->sensor / SBL__SENSOR_BLOCK] + p->sensor % SBL__SENSOR_BLOCK;
 }
@@ -16584,13 +16693,13 @@ static sbl__sensor *sbl__sensor_add(sbl__refine *r, sbl__pixel *p) {
     return sbl__sensor_of(r, p);
 }
 
-/* Returns layer `layer` of a pixel's light: 3 floats. */
+/* Returns a layer of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
     return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1)
                  : sbl__sensor_of(r, p)->radiance;
 }
 
-/* Returns R at a pixel according to the store: 3 floats, 0 in modes other than SBL_MODE_GI. */
+/* Returns R at a pixel from the store: 3 floats, 0 except in SBL_MODE_GI. */
 static const float *sbl__pixel_stored(const sbl__refine *r, const sbl__pixel *p) {
     static const float none[3] = { 0, 0, 0 };
     return r->stored_light ? r->stored_light + 3 * (size_t)(p - r->pixels) : none;
@@ -16598,10 +16707,10 @@ static const float *sbl__pixel_stored(const sbl__refine *r, const sbl__pixel *p)
 
 static float sbl__abs(float x) { return (float)fabs((double)x); }
 
-/* >>refine: which pixels may share light */
+/* >>refine: pixels that may share light */
 
-/* Returns the weight, 0 to 1, with which light of pixel b may be used for pixel a: 0 if ids differ or are 0, otherwise
-   1 if geometry_aware is 0 or a is b, otherwise the same as belongs.glsl. */
+/* Returns the weight, 0 to 1, for using light of pixel b at pixel a: 0 if ids differ or are 0, otherwise 1 if
+   geometry_aware is 0 or a is b, otherwise the result of sbl_belongs in belongs.glsl. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     float d[3], off, apart, turn, plane;
     int k;
@@ -16629,7 +16738,7 @@ static int sbl__connected(const sbl__refine *r, const sbl__pixel *a, const sbl__
 
 /* >>refine: noise */
 
-/* Returns the rounded-down binary logarithm of a number of looks, at most SBL__DOUBLINGS - 1; 0 for 0 looks. */
+/* Returns the binary logarithm of a number of looks, rounded down, at most SBL__DOUBLINGS - 1; 0 for 0 looks. */
 static int sbl__doublings(int looks) {
     int k = 0;
     for (; looks > 1 && k < SBL__DOUBLINGS - 1; looks >>= 1) k++;
@@ -16660,7 +16769,7 @@ static void sbl__looks_calibrate(sbl__refine *r) {
     }
 }
 
-/* Returns the variance of a mean of `looks` looks as a share of the variance of one look. */
+/* Returns the variance of a mean of `looks` looks as a fraction of the variance of one look. */
 static float sbl__variance_share(const sbl__refine *r, int looks) { return r->variance_shares[sbl__doublings(looks)]; }
 
 /* Returns the variance of a sensor's mean luminance. */
@@ -16670,8 +16779,8 @@ static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
-/* Returns the share of the sensors' variance that remains after interpolation and the filter in a tile of this span.
-   Bilinear weights keep 4/9 on average; a filter that averages n pixels keeps a larger share in a wider tile. */
+/* Returns the fraction of the sensors' variance that remains after interpolation and the filter in a tile of this span.
+   Bilinear weights keep 4/9 on average. A filter that averages n pixels keeps a larger fraction in a wider tile. */
 static float sbl__noise_left(const sbl__refine *r, int span) {
     const float area = (float)span * (float)span;
     return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
@@ -16684,7 +16793,8 @@ static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, in
     return sbl__pixel_at(r, c->area.x[corner & 1], c->area.y[corner >> 1]);
 }
 
-/* Returns the larger of a tile's width and height, 0 for a picture of one pixel. Tiles of span 0 or 1 are not split. */
+/* Returns the larger of a tile's width and height, or 0 for a picture of one pixel. Tiles of span 0 or 1 are not
+   split. */
 static int sbl__tile_span(const sbl__tile *c) {
     return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
 }
@@ -16703,8 +16813,8 @@ static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int si
     return e;
 }
 
-/* Returns the pixel that lies `steps` edge lengths beyond an end of an edge. Returns NULL if this is outside of the
-   picture, has no usable light of its own (sbl__usable), or has light that `pixel` may not use. */
+/* Returns the pixel that lies `steps` edge lengths beyond an end of an edge. Returns NULL if it is outside the picture,
+   has no usable light of its own (sbl__usable), or has light that `pixel` may not use. */
 static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
                                             int steps) {
     const int *x = e->line.x, *y = e->line.y;
@@ -16727,7 +16837,7 @@ typedef struct sbl__mix {
     float share[2];           /* position of the pixel in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners on the pixel's surface, 0 to 1 */
-    float covered;            /* `own` plus the weight of extrapolated corners; 0: there is no light */
+    float covered;            /* `own` plus the weight of extrapolated corners; 0: no light */
     double variance;
 } sbl__mix;
 
@@ -16739,7 +16849,7 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
 }
 
 /* Adds light in place of a corner whose light the pixel cannot use: extrapolates linearly from each adjacent corner and
-   the sensor at equal distance beyond it, or copies the adjacent corner if there is no such sensor. Adds nothing if the
+   the sensor at equal distance beyond it, or copies the adjacent corner if no sensor is there. Adds nothing if the
    pixel cannot use the light of any adjacent corner. */
 static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
@@ -16765,14 +16875,14 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 /* Clamps R, which extrapolation may make negative, to 0 or more. Returns light of other layers unchanged. */
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
-/* Computes how far pixel (x, y) is from a tile's left and upper edge, as shares of its width and height. */
+/* Computes the distance of pixel (x, y) from a tile's left and upper edge, as fractions of its width and height. */
 static void sbl__tile_shares(const sbl__tile *c, int x, int y, float share[2]) {
     const sbl__range *a = &c->area;
     share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
     share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner for these shares. */
+/* Returns the bilinear weight of a tile's corner at this position. share: see sbl__tile_shares */
 static float sbl__tile_weight(const float share[2], int corner) {
     return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
 }
@@ -16801,7 +16911,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
 }
 
 /* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
-   beyond that end. If only one end has such a sensor, the other end gets the opposite value. If neither has one (at
+   beyond this end. If only one end has such a sensor, the other end gets the opposite value. If neither has one (at
    length 1 and in SBL_MODE_PAPER none is sought), the values are minus and plus the difference between the ends, as at
    a step. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns 0. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
@@ -16824,7 +16934,7 @@ static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int lay
 }
 
 /* Computes the second difference that corrects interpolation along an edge. Each end of the edge has a value, and the
-   result is the value nearer to 0. The result is 0 if the signs of the values differ, as they do at a step and wherever
+   result is the value closer to 0. The result is 0 if the signs of the values differ, as they do at a step and wherever
    an end has no sensor beyond it (see sbl__edge_curvature). */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     float at[2][3];
@@ -16838,8 +16948,8 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
 
 /* >>refine: the error of interpolation */
 
-/* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences
-   at its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
+/* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences at
+   its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
    signs. In the middle of a wide penumbra they are smaller than d, and the error is small. */
 static float sbl__edge_error(float at_0, float at_1, float d) {
     const float a = sbl__abs(at_0), b = sbl__abs(at_1);
@@ -16849,17 +16959,17 @@ static float sbl__edge_error(float at_0, float at_1, float d) {
     return even + SBL__CURVE_ERROR * (most - least) * abrupt;
 }
 
-/* Returns the relative squared error for a variance of luminance. */
+/* Converts a variance of luminance to a relative squared error. */
 static float sbl__relative2(const sbl__refine *r, double variance) {
     return (float)SBL__MIN(variance / r->luminance / r->luminance, 1e30);
 }
 
-/* Returns the relative squared error for a difference of two radiances. */
+/* Converts a difference of two radiances to a relative squared error. */
 static float sbl__squared(const sbl__refine *r, const float difference[3]) {
     float sum = 0;
     int k;
     for (k = 0; k < 3; k++) sum += r->weights[k] * difference[k] * (r->weights[k] * difference[k]);
-    return SBL__MIN(sum, 1e30f);  /* The bound keeps the result finite and removes a NaN. */
+    return SBL__MIN(sum, 1e30f);  /* the limit keeps the result finite and removes a NaN */
 }
 
 static float sbl__distance2(const float a[3], const float b[3]) {
@@ -16867,9 +16977,9 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from differences of light
-   beyond that end, but per channel at least the error by changes of light between the sensor and the border of its
-   surface. Adds the latter to *unseen2. */
+/* Returns the squared error of extrapolation from an end of an edge into the tile. It is estimated from differences of
+   light beyond that end. In each channel it is at least the error from unseen changes of light between the sensor and
+   the border of its surface, which is also added to *unseen2. */
 static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
@@ -16916,9 +17026,9 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next pixel of a tile's edges that has usable light of its own, from a sensor that a neighbour's split put
-   there or from the store; NULL: there is none. Skips corners, where interpolation is exact. *at: counts pixels of the
-   edges, from 0. *guess: receives the light that the tile interpolates there. */
+/* Returns the next pixel on a tile's edges that has usable light of its own, from a sensor that a neighbour's split put
+   there or from the store, or NULL at the end. Skips corners, where interpolation is exact. *at: counter of pixels on
+   the edges, from 0. *guess: receives the light that the tile interpolates there */
 static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -16934,7 +17044,8 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
     return NULL;
 }
 
-/* Returns the mean squared error of interpolation at the sensors on a tile's edges, less their noise; 0: no sensors. */
+/* Returns the mean squared error of interpolation at the sensors on a tile's edges, minus their noise; 0: no
+   sensors. */
 static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -16950,8 +17061,9 @@ static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile, noise included. The error at sensors on the edges counts half,
-   and only if it exceeds sbl__tile_edge_bias2, because such sensors are where neighbours had reason to split. */
+/* Returns the squared error of interpolation in a tile, including noise. The error at sensors on the edges has half
+   weight, and only counts if it exceeds sbl__tile_edge_bias2, because neighbours put such sensors where they had to
+   split. */
 static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     const float edges2 = sbl__tile_edge_bias2(r, c), sensors2 = sbl__tile_sensor_bias2(r, c);
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
@@ -16959,9 +17071,9 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
 
 /* >>refine: tiles */
 
-/* Summary of the sensors at a tile's corners. */
+/* Summary of the sensors at a tile's corners */
 typedef struct sbl__corners {
-    int looks;                /* fewest looks of any usable sensor; 0: no corner has one */
+    int looks;                /* fewest looks of any usable sensor; 0: no corner has a usable sensor */
     int is_new;               /* 1: the last round has read at least one of the sensors, or it was round 0 */
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
@@ -16994,7 +17106,7 @@ static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, i
     return SBL_SUCCESS;
 }
 
-/* Divides a tile into up to four. A tile less than 2 pixels wide is not divided in width; height likewise. */
+/* Divides a tile into up to four. Does not divide the width (height) of a tile less than 2 pixels wide (high). */
 static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     const sbl__range a = r->tiles[index].area;
     const int xs[3] = { a.x[0], (a.x[0] + a.x[1]) / 2, a.x[1] }, ys[3] = { a.y[0], (a.y[0] + a.y[1]) / 2, a.y[1] };
@@ -17009,7 +17121,7 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     return result;
 }
 
-/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest a + b of any channel. */
+/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest a + b of any channel */
 static float sbl__difference(const float a[3], const float b[3], float *sum) {
     float most = 0;
     int k;
@@ -17022,8 +17134,8 @@ static float sbl__difference(const float a[3], const float b[3], float *sum) {
 }
 
 /* Returns 1 if the squared difference of two radiances exceeds the squared threshold plus NOISE_WEIGHT * variance.
-   variance: of the difference. The threshold is relative to the mean of both radiances plus a share of the picture's
-   luminance (DIFFERENCE_FLOOR); in SBL_MODE_PAPER it is a radiance. */
+   variance: of the difference. The threshold is relative to the mean of both radiances plus DIFFERENCE_FLOOR * the
+   picture's luminance. In SBL_MODE_PAPER, it is a radiance. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float sum, least;
     const float most = sbl__difference(a, b, &sum);
@@ -17031,8 +17143,8 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Returns 1 if the light of two corners on one surface differs (see sbl__differ), or if the light of a sensor
-   on an edge of the tile differs from the interpolated light. */
+/* Returns 1 if the light of two corners on one surface differs (see sbl__differ), or if the light of a sensor on an
+   edge of the tile differs from the interpolated light. */
 static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -17050,15 +17162,15 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Returns the square of the picture's mean albedo: relative errors of light, times the albedo with which a pixel shows
-   the light, divided by this mean are relative errors of FINAL. 1 if the light's mean includes its albedo. */
+/* Returns the square of the picture's mean albedo. (Relative error of light) * (albedo with which a pixel shows it) /
+   (mean albedo) is the relative error of FINAL. Returns 1 if the light's mean includes its albedo. */
 static float sbl__shown2(const sbl__refine *r) {
     const double mean = r->shares ? r->shown / SBL__MAX(r->shown_pixels, 1.0) : 1;
     return (float)SBL__MAX(mean * mean, 1e-12);
 }
 
-/* Returns the squared difference between R at a pixel and R as interpolated from a tile's corners, as luminances, not
-   relative; 0 if lobes are narrow or no corner fits. Light in wide lobes changes at about the same places as R. */
+/* Returns the absolute squared difference between R at a pixel and R interpolated from a tile's corners, in luminance;
+   0 if lobes are narrow or no corner fits. Light in wide lobes changes in about the same areas as R. */
 static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
@@ -17077,7 +17189,7 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     return light * light;
 }
 
-/* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give one too little weight. */
+/* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give a pixel too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
@@ -17098,8 +17210,8 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 #define SBL__LOBE_SPAN 2.0  /* see sbl__tile_is_wide */
 
-/* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN
-   times the lobes' width, which is about alpha: details of what they reflect could be missed. */
+/* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN *
+   the width of the lobes, which is about alpha: the tile could miss details of the reflection. */
 static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
     double ways[4][3], alpha[4];
     int corner, other, k;
@@ -17123,14 +17235,14 @@ static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* Gets the place of a guide in the working grid; it can be outside of it. */
+/* Gets the position of a guide in the working grid, or outside it. */
 static void sbl__guide_at(const sbl__refine *r, int column, int row, int at[2]) {
     const sbl__guides *g = &r->guides;
     at[0] = (g->first[0] + column) * g->step - r->window.first[0];
     at[1] = (g->first[1] + row) * g->step - r->window.first[1];
 }
 
-/* Returns the pixel of a guide, or NULL if that pixel is outside of the working grid or shows no surface. */
+/* Returns the pixel of a guide, or NULL if that pixel is outside the working grid or shows no surface. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
     const sbl__pixel *p;
     int at[2];
@@ -17140,7 +17252,7 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
 }
 
 /* Returns how well directions found at pixel b suit pixel a: sbl__belongs, or 0 if the tangents at the two pixels, from
-   which guides count angles, differ too much in direction. */
+   which guides measure angles, differ too much in direction. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -17150,8 +17262,8 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* Returns the number of the guide, among the four around a pixel, whose site is most like the pixel in position and
-   normal; 0: no guide fits the pixel, or rays are not guided. */
+/* Returns the index of the guide, among the four around a pixel, whose site is most similar to the pixel in position
+   and normal. Returns 0 if no guide fits the pixel, or if rays are not guided. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -17171,7 +17283,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     return best;
 }
 
-/* >>refine: rounds, from the sites that are wanted to the readings that are taken */
+/* >>refine: rounds, from the list of sites to the taken readings */
 
 /* Adds the first-level tiles, which cover the whole picture, row by row. */
 static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
@@ -17188,7 +17300,7 @@ static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Makes the site of pixel number `index` for looks from number `first` on. */
+/* Makes the site of a pixel for looks from index `first` on. */
 static void sbl__refine_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     memcpy(out->position, p->position, sizeof out->position);
@@ -17206,8 +17318,8 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->roughness = r->lobes[index].roughness;
 }
 
-/* Returns the number of looks with which a sensor begins. A texel with places begins with at least one look for each
-   place. looks: the number of looks for a pixel that has no places */
+/* Returns the initial number of looks of a sensor. For a texel with places, it is at least one per place. looks: the
+   number for a pixel without places */
 static int sbl__refine_first_looks(const sbl__sensor *s, int looks) { return SBL__MAX(looks, (int)s->place_count); }
 
 /* Makes room for `more` additional sites and their readings. Returns 0 if memory is exhausted. */
@@ -17230,8 +17342,8 @@ static void sbl__refine_free_sites(sbl__refine *r) {
     r->site_room = r->reading_room = r->reading_layer_room = 0;
 }
 
-/* Makes the site for looks from number i on. It is at the pixel's position or, if the pixel is a texel with places, at
-   the place whose turn it is. looks: number of looks, which is 1 if there are places */
+/* Makes the site for looks from look i on. It is at the pixel's position or, for a texel with places, at the next of
+   its places in turn. looks: number of looks; must be 1 for a texel with places */
 static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int looks, sbl__site *out) {
     const sbl__sensor *s = sbl__sensor_of(r, &r->pixels[index]);
     sbl__refine_site(r, index, i, looks, out);
@@ -17241,7 +17353,7 @@ static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int lo
     out->first = i % r->spec->looks;
 }
 
-/* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one per look. */
+/* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one site per look. */
 static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     const sbl__sensor *s = sbl__sensor_of(r, p);
     const int index = (int)(p - r->pixels), looks = s->wanted - s->looks, at_once = s->places ? 1 : looks;
@@ -17253,7 +17365,7 @@ static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Lists sites for those corners of the next tiles that need a sensor or more looks, until they fill a job. */
+/* Lists sites for the corners of the next tiles that need a sensor or more looks, until the sites fill a job. */
 static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
@@ -17279,9 +17391,9 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces lie on it, mostly nearer
-   than its width, or (SBL_MODE_GI) it is in a solid: its R is 0 and it sees back faces, unlike most lit sensors. A
-   touched texel is close to the edge of a surface that hides texels; light changes within the texel. */
+/* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
+   its width, or (SBL_MODE_GI) it is inside a solid: its R is 0 and it sees back faces, unlike most lit sensors. A
+   touched texel is close to the edge of a surface that hides texels, so that light changes within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -17306,13 +17418,14 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
     return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
 }
 
-/* Removes the uncertainty of a texel if it is hidden, because it then shows its neighbours' light. */
+/* Removes the uncertainty of a hidden texel from the sum, because the texel will show its neighbours' light. */
 static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     const float uncertainty = sbl__stored_uncertainty(r, p);
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
-/* Makes a pixel invalid, unless it has places (>>refine: places). Texels of a traced lightmap are then searched. */
+/* Makes a pixel invalid, unless it has places (>>refine: places). In traced lightmaps, the texel is then searched for
+   places. */
 static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     if (s->invalid || s->places) return SBL_SUCCESS;
@@ -17328,9 +17441,9 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel whether its light may be shown. Refuses pixels with invalid readings,
-   hidden texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their
-   light would show beyond the edge of the object that hides the hidden texels. */
+/* Decides from the first reading of a pixel if its light may be shown. Refuses pixels with invalid readings, hidden
+   texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their light
+   would show beyond the edge of the object that hides the hidden texels. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     const sbl__pixel *p = &r->pixels[index];
     sbl__sensor *s = sbl__sensor_of(r, p);
@@ -17347,7 +17460,8 @@ static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_read
     return result;
 }
 
-/* Adds the layers of the leaf at a position of a triangle, seen from afar, to sum. Returns 1 if the leaf has light. */
+/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
+   light. */
 static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
                                   size_t floats, float *sum) {
     const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
@@ -17368,7 +17482,7 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
     const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
     const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
     const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
-                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* sbl_frame in frame.glsl */
+                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* as sbl_frame in frame.glsl */
     double normal[3], facing = 0;
     size_t i;
     int k, point, lit = 0;
@@ -17385,8 +17499,8 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
     for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
 }
 
-/* Computes layers 1 and up for a pixel that shows stored light: harmonics for light that comes evenly from its whole
-   hemisphere, or the parts of the light groups. */
+/* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
+   light that comes evenly from the pixel's whole hemisphere. */
 static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
     size_t i;
@@ -17407,9 +17521,9 @@ static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
     return rank;
 }
 
-/* If reading `at` is that of a texel's last look, replaces it by a kind of median: the mean over the texel's looks in
-   the middle quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very
-   brightly, would show around itself. Returns the number of looks; 0: more looks follow, and nothing has changed. */
+/* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
+   quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
+   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
 static int sbl__places_mean(sbl__refine *r, int at) {
     const int pixel = r->sites[at].pixel;
     float *layers = r->reading_layers;
@@ -17448,7 +17562,8 @@ static int sbl__places_mean(sbl__refine *r, int at) {
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Adds the reading of a site to the means of its pixel. For a texel with places, waits for the texel's last look. */
+/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
+   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -17482,7 +17597,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return sbl__refine_validate(r, r->sites[at].pixel, reading);
 }
 
-/* Makes r->spec anew after a change of r->measurement, but keeps what the front end has asked for. */
+/* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
 static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
     const int groups = r->spec->groups;
@@ -17493,7 +17608,7 @@ static void sbl__refine_update_spec(sbl__refine *r) {
     r->spec->lobe = lobe;
 }
 
-/* Makes all sensors of the first round, which are at the corners of first-level tiles, take their looks again. */
+/* Makes all sensors of the first round, at the corners of first-level tiles, take their looks again. */
 static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)
@@ -17509,12 +17624,13 @@ static void sbl__refine_restart(sbl__refine *r) {
     r->pixels_summed = 0;
 }
 
-/* >>refine: places. If the centre of a texel is hidden, a viewer still sees the texel's open places, which are those
-   from which light can leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor
-   then looks from some of the open places, and the texel gets about the median of their light (sbl__places_mean). */
+/* >>refine: places. If the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from
+   which light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor
+   then looks from some of the open positions, its places, and the texel gets about the median of their light
+   (sbl__places_mean). */
 
-/* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, which are spread over the texel. Returns their
-   number; 0: no candidate lies on the chart. */
+/* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, spread over the texel. Returns the number of
+   rays, or 0 if no candidate lies on the chart. */
 static int sbl__places_of(sbl__refine *r, int index) {
     sbl__atlas_square square;
     double weights[3];
@@ -17546,14 +17662,14 @@ static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if the ray of a reading meets no surface nearer than r->distance_limit and does not run inside a solid. */
+/* Returns 1 if the ray of a reading hits no surface closer than r->distance_limit and is not inside a solid. */
 static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) {
     if (!reading->valid || (reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit)) return 0;
     return reading->hit_share <= 0 || reading->hit_mean >= r->distance_limit;
 }
 
-/* After the last ray of a texel, chooses places evenly among those with open rays and makes the sensor start again, or
-   leaves the texel invalid if fewer than SBL__PLACES_OPEN rays are open. */
+/* After the last search ray of a texel: if at least SBL__PLACES_OPEN rays are open, picks up to SBL__PLACES of their
+   origins, evenly from the list, and resets the sensor. Otherwise the texel stays invalid. */
 static sbl_result sbl__places_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const int pixel = r->sites[at].pixel;
@@ -17585,10 +17701,10 @@ static sbl_result sbl__places_take(void *work, int at) {
 
 /* >>refine: scouts, single rays from which guides are made */
 
-/* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
+/* Returns a seed other than the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses the places of guides and allocates memory for what scouts find. */
+/* Chooses the positions of guides, and allocates memory for the light that scouts find. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     int k;
@@ -17648,7 +17764,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Makes guide number `guide` from what the scouts around it found; guide 0 sends rays evenly. */
+/* Makes a guide from the light that the scouts around it found. Guide 0 distributes rays evenly. */
 static void sbl__guides_make(const sbl__refine *r, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
     const sbl__guides *g = &r->guides;
@@ -17701,7 +17817,7 @@ static int sbl__worth_bin(float worth) {
     return SBL__MIN(SBL__MAX(bin, 0), SBL__GAIN_BINS - 1);
 }
 
-/* Returns the least worth that falls into a bin. */
+/* Returns the lowest worth that falls into a bin. */
 static float sbl__bin_worth(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
 /* Adds a split, or further looks, to the histograms, in the bin of its worth. gain: reduction of the squared error per
@@ -17712,11 +17828,11 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
     r->costs[bin] += cost;
 }
 
-/* Returns the number of pixels over which the picture's error is a mean. */
+/* Returns the number of pixels over which the picture's error is averaged. */
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. If
-   there are lobes, they are relative to the mean that the caller has set, later to that of the last weighing. */
+/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. With
+   lobes, they are relative to the mean that the caller has set, later to that of the last weighing. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
@@ -17754,8 +17870,8 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* Computes noise2, variance and light of a tile from its usable corners (if there are none, only sets noise2 to 0), the
-   variance also from the parent tile. Adds the tile's light, pixels and variance to the sums of the picture. */
+/* Computes noise2, variance and light of a tile from its usable corners, the variance also from the parent tile. If no
+   corner is usable, only sets noise2 to 0. Adds the tile's light, pixels and variance to the sums of the picture. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
@@ -17795,7 +17911,7 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
 }
 
 /* Predicts the errors of a tile, and the gain of a split and of more looks: the reduction of the sum of squared errors
-   per look. Adds the gains to the histogram from which sbl__weigh_end finds the least worth that is bought. */
+   per look. Adds the gains to the histogram from which sbl__weigh_end finds the lowest worth to buy. */
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__tile *c = &r->tiles[at];
@@ -17834,9 +17950,9 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Sets r->expected_looks: looks taken, plus looks that bring the sum of squared errors, now `left`, to target2 per
-   pixel or as near to it as possible, most worthwhile first; too low until most tiles that need sensors have been
-   found. Sets r->expected_sure, which rises to 1 as the error falls to what can be bought. */
+/* Sets r->expected_looks: looks taken, plus the looks, those of highest worth first, that reduce the sum of squared
+   errors from `left` to target2 per pixel, or as close to it as possible. The result is too low until most tiles that
+   need sensors have been found. Sets r->expected_sure, which rises to 1 as the error falls to its final value. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     const double target = target2 * sbl__weigh_pixels(r), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
@@ -17845,9 +17961,9 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
 }
 
-/* Returns the least worth of the looks and splits that this round buys, so that the sum of squared errors falls from
-   `left` to `target`, or as near as one round may. With a price, later rounds buy everything worth at least the
-   price. */
+/* Returns the lowest worth of the looks and splits that this round buys, so that the sum of squared errors falls from
+   `left` to `target`, or as close to it as one round may go. With a price, later rounds buy everything worth at least
+   the price. */
 static float sbl__weigh_price(const sbl__refine *r, double left, double target) {
     double rest = left, aim;
     int bin;
@@ -17859,7 +17975,7 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring bias and
    noise to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits are
-   bought, if bias and noise are within their share of the target error or SBL__MAX_ROUNDS is exceeded. */
+   bought, if bias and noise are within their part of the target error or SBL__MAX_ROUNDS is exceeded. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = sbl__weigh_pixels(r), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
@@ -17905,7 +18021,8 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
 static int sbl__refine_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
 static int sbl__refine_weighed(void *work) { return ((sbl__refine *)work)->first_new; }
 
-/* Splits a tile, or else doubles its sensors' looks, once or repeatedly, if that is worth at least r->least_worth. */
+/* Splits a tile if that is worth at least r->least_worth. Otherwise doubles the looks of its sensors as often as each
+   doubling is worth it. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
@@ -17941,7 +18058,7 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites, if there are any. A scout or a ray from a place is a look of one ray. */
+/* Begins the job for the listed sites, if any. A scout or a search ray is a look of one ray. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
@@ -17956,7 +18073,7 @@ static int sbl__refine_after_list(void *work) {
         task.spec.ray_length = 0;
         task.spec.seed = sbl__scouts_seed(r);
     }
-    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only hits are wanted */
+    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only the hits are used */
     task.sites = r->sites;
     task.readings = r->readings;
     task.layers = r->reading_layers;
@@ -17971,7 +18088,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
 }
 
 /* Begins another job if this round has tiles, guides or texels whose sites no job has measured yet. Refused texels are
-   searched for places before the round ends; then the round measures there. */
+   searched for places before the round ends; the round then measures there. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int stage = r->stages.stage, scouts = stage == SBL__REFINE_TAKE_SCOUTS;
@@ -18019,7 +18136,7 @@ static int sbl__refine_after_weigh(void *work) {
     return SBL__REFINE_SPEND;
 }
 
-/* Called after a first round whose looks are too noisy. Has guides made, or gives looks more rays and reduces the
+/* Called after a first round whose looks are too noisy. Starts to make guides, or gives looks more rays and reduces the
    maximum number of looks. In both cases all sensors start again. */
 static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
@@ -18066,7 +18183,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* Sets the settings; all fields but those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
+/* Sets the settings. All fields except those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
    filter */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
@@ -18087,7 +18204,7 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_calibrate(r);
 }
 
-/* Says where the pixels lie in the whole picture, and whose errors count. */
+/* Sets the position of the pixels in the whole picture, and determines whose errors count. */
 static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
@@ -18106,8 +18223,8 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->sensors[0] ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Frees what only refinement needs, except views, whose weights take long to compute. Filling in is still possible;
-   inspection sends the guides again. */
+/* Frees the data that only refinement needs, except views, whose weights take long to compute. Filling in remains
+   possible; inspection sends the guides again. */
 static sbl_result sbl__refine_end(sbl__refine *r) {
     sbl__refine_free_sites(r);
     sbl__free(&r->core->base, r->searched);
@@ -18119,8 +18236,8 @@ static sbl_result sbl__refine_end(sbl__refine *r) {
          ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Clears everything, settings included, so that sbl__refine_begin can begin again, and for a lightmap
-   sbl__refine_use_atlas. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
+/* Clears everything including the settings. Then sbl__refine_begin can begin again, with sbl__refine_use_atlas for a
+   lightmap. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
 static void sbl__refine_forget(sbl__refine *r) {
     const sbl__refine kept = *r;
     r->pixels = NULL;
@@ -18140,8 +18257,8 @@ static int sbl__refine_counts(const sbl__refine *r, size_t index) {
     return r->pixels[index].id && sbl__window_counts(&r->window, (int)(index % width), (int)(index / width));
 }
 
-/* Sets a pixel before refinement begins. stored: R according to the store. shows_stored: 1: the pixel shows that light
-   and needs no sensor */
+/* Sets a pixel before refinement begins. stored: R from the store. shows_stored: 1: the pixel shows this light and
+   needs no sensor */
 static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown, const float stored[3],
                                   int shows_stored) {
     float *light = r->layers + r->harmonics * index;
@@ -18164,8 +18281,8 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
     return SBL_SUCCESS;
 }
 
-/* Makes errors those of FINAL. Called for each pixel before sbl__refine_put. albedo, specular: the albedos with which
-   the pixel shows R and the light in its lobe; albedo is NULL if it shows no surface */
+/* Makes errors those of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular: the albedos with
+   which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
 static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
@@ -18177,8 +18294,8 @@ static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *al
     return SBL_SUCCESS;
 }
 
-/* Turns on the test for occlusion (sbl__refine_occlusion) and, for refused texels, the search for places in the texel
-   from which light can leave (sbl__refine_refuse). */
+/* Enables the test for occlusion (sbl__refine_occlusion) and, for refused texels, the search for places (see
+   sbl__refine_refuse). */
 static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
     r->atlas = a;
     r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
@@ -18186,7 +18303,7 @@ static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
-/* Returns the picture's predicted relative error; below 0: not known yet. */
+/* Returns the picture's predicted relative error, or a negative number if it is not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
 
 /* Returns the luminance of the picture's mean, to which errors are relative. */
@@ -18208,29 +18325,30 @@ static int sbl__refine_round_is_over(const sbl__refine *r) {
     return r->stages.stage == SBL__REFINE_SPEND || r->stages.stage == SBL__REFINE_RESTART;
 }
 
-/* Returns the number of looks that have been taken, with those that the job under way has finished. */
+/* Returns the number of looks taken, including those that the current job has finished. */
 static double sbl__refine_looks_now(const sbl__refine *r) {
     const int senses = r->stages.stage == SBL__REFINE_SENSE, takes = r->stages.stage == SBL__REFINE_TAKE;
     return (double)r->looks_taken + (senses ? (double)sbl__job_progress(&r->core->job) * r->look_count : 0) +
            (takes ? (double)r->look_count * (1 - r->stages.at / SBL__MAX(1.0, (double)r->site_count)) : 0);
 }
 
-/* Returns how many looks are foreseen in all, but at least the number that has been taken and is listed. */
+/* Returns the expected total number of looks, but at least the number of looks taken or listed. */
 static double sbl__refine_looks_expected(const sbl__refine *r) {
     return SBL__MAX(r->expected_looks, (double)r->looks_taken + r->look_count);
 }
 
-/* >>refine: filling in one layer of light. It keeps its own position, so it can run at any time during refinement. */
+/* >>refine: filling in one layer of light. A fill keeps its own position, so it can run at any time during
+   refinement. */
 
 typedef struct sbl__fill {
     /* The caller sets `refine` and `layer`; all other fields begin as 0. */
     sbl__refine *refine;
     int layer;                  /* layer of light to fill in */
     int tile, row;              /* index of the next tile; its next row of pixels */
-    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface; of
-                                   an orphan, the noise is negative until there are rings */
+    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where a surface is shown. The
+                                   noise of an orphan is negative until the rings are made */
     int orphans;                /* number of pixels filled in so far that got neither light of their own nor
-                                   interpolated light; hidden texels get neither */
+                                   interpolated light, such as hidden texels */
     sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
@@ -18240,17 +18358,17 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the standard error of a pixel's luminance, not relative. predicted2: relative squared error of its tile */
+/* Returns the absolute standard error of a pixel's luminance. predicted2: relative squared error of its tile */
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
-    const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* it shows its neighbours' light */
+    const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* the pixel shows its neighbours' light */
     const float known = r->lobes ? r->lobes[p - r->pixels].rest : sbl__stored_uncertainty(r, p);
     const double uncertainty = hidden ? 0 : (double)known / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
 /* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
-   hidden, by interpolation. Other pixels are orphans: they get the light of their own invalid sensor, or 0, which stays
+   hidden, by interpolation. Other pixels are orphans: they get the light of their own invalid sensor, or 0, and keep it
    if no ring reaches them. parabolas: second differences of the tile's four edges, see sbl__tile_edge */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
@@ -18266,8 +18384,8 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, s->looks));
-        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
-                                                       few rays of this one may agree by chance */
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
+                                                       rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, c, x, y, f->layer, &m);
@@ -18292,7 +18410,7 @@ static int sbl__fill_joined(const void *user, int index, int other) {
     return sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0;
 }
 
-/* Sets light and noise of an orphan to the mean of those neighbours on its surface that earlier rings have reached. */
+/* Sets light and noise of an orphan to the mean of the neighbours on its surface that earlier rings have reached. */
 static void sbl__fill_mean(void *user, int index) {
     sbl__fill *f = (sbl__fill *)user;
     const sbl__refine *r = f->refine;
@@ -18308,7 +18426,7 @@ static void sbl__fill_mean(void *user, int index) {
     for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
 }
 
-/* Lets rings spread light to orphans, piece by piece. Until the rings are made, f->row counts the rows of pixels whose
+/* Spreads light to orphans by rings, piece by piece. Until the rings are made, f->row counts the rows of pixels whose
    ring is known. */
 static sbl_result sbl__fill_orphans(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
@@ -18337,8 +18455,8 @@ static sbl_result sbl__fill_make(sbl__fill *f) {
     return f->rgba ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Fills in f->rgba, piece by piece. A tile whose sensors have not all been read yet is filled in with the light of the
-   smallest tile around it whose sensors have. */
+/* Fills in f->rgba, piece by piece. A tile with sensors that have not been read yet gets the light of the smallest tile
+   around it whose sensors have all been read. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
     const sbl_result result = f->rgba ? SBL_SUCCESS : sbl__fill_make(f);
@@ -18367,8 +18485,9 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
-"// Returns how far two surface points with the same id belong to one smooth surface, 0 to 1, by their normals n and\n",
-"// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal ids.\n",
+"// Returns how well two surface points with the same id belong to one smooth surface, 0 to 1, from their normals n\n",
+"// and m and from the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal\n",
+"// ids.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
 "    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
@@ -18380,13 +18499,13 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,\n",
+"// Smooths R with the Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is 1,\n",
 "// weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that\n",
-"// differ by more than their noise always reduce weights. Light groups have the weights of R, so that they add up\n",
-"// to R.\n",
-"uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, which are smoothed instead of R\n",
-"uniform bool is_group;       // true: it is a light group\n",
+"// differ by more than their noise always reduce weights. Light groups get the weights of R, so that they add up to\n",
+"// R.\n",
+"uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R\n",
+"uniform bool is_group;       // true: `layer` is a light group\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -18394,13 +18513,15 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"uniform float layer_noise;   // noise of harmonics / R in pixels where R has no noise, see sbl__spec_layer_noise\n",
+"uniform float layer_noise;   // standard error of a harmonic as a fraction of R where R has no noise, see\n",
+"                             // sbl__spec_layer_noise\n",
 "const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
 "// Returns the approximate noise of a harmonic. r: R and its noise\n",
 "float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }\n",
 "\n",
-"// Returns about 1 if noise explains the difference of two pixels, about 0 if it is several times the noise.\n",
+"// Returns about 1 if noise explains the difference of two pixels, and about 0 if the difference is several times\n",
+"// the noise.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
 "    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
@@ -18445,7 +18566,7 @@ static const sbl__recipe sbl__recipe_filter = {
 
 typedef struct sbl__filter {
     int radius, geometry_aware;
-    const sbl__texture *radiance;  /* R and its noise */
+    const sbl__texture *radiance;  /* R (irradiance / pi) and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
     float layer_noise;             /* see sbl__spec_layer_noise */
     int is_group;                  /* 1: the layer is a light group */
@@ -18453,7 +18574,7 @@ typedef struct sbl__filter {
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
 
-/* Returns the number of pixels whose plain mean would reduce independent noise as much as the filter does. */
+/* Returns the number of pixels whose unweighted mean would reduce independent noise as much as the filter does. */
 static float sbl__filter_pixels(int radius) {
     const double sigma = sbl__filter_sigma(radius);
     double sum = 0, squares = 0;
@@ -18492,11 +18613,11 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 
 /* >>glsl tone: shaders_embedded/tone.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tone[] = {
-"// View transforms: radiance becomes what a screen shows, linear, 0 to 1.\n",
+"// View transforms: convert radiance to the colour that a screen shows, linear, 0 to 1.\n",
 "uniform int tone;                    // sbl_tone\n",
 "uniform float exposure;              // factor applied to radiance\n",
 "const int SBL_TONE_NEUTRAL = 2, SBL_TONE_AGX = 3;\n",
-"const float SBL_TONE_MOST = 1e8;     // greater values, infinity included, are lowered to this\n",
+"const float SBL_TONE_MOST = 1e8;     // larger values, including infinity, are lowered to this\n",
 "\n",
 "// PBR Neutral (Khronos Group 2024): subtracts up to 0.04 from all channels, and fades colours above 0.8 to white.\n",
 "const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;\n",
@@ -18512,14 +18633,14 @@ static const char *const sbl__glsl_tone[] = {
 "\n",
 "// AgX (Sobotka 2022): mixes the primaries a little, so that bright colours fade to white as on film, then applies\n",
 "// a sigmoid to the logarithm, from 10 stops below middle grey (0.18) to 6.5 stops above it. The columns of the\n",
-"// matrices are what red, green and blue become.\n",
+"// matrices are the images of red, green and blue.\n",
 "const mat3 SBL_AGX_MIX = mat3(0.842401, 0.042401, 0.042401, 0.078437, 0.878437, 0.078437,\n",
 "                              0.079162, 0.079162, 0.879162);\n",
 "const mat3 SBL_AGX_UNMIX = mat3(1.196999, -0.053001, -0.053001, -0.098046, 1.151954, -0.098046,\n",
 "                                -0.098953, -0.098953, 1.151047);\n",
 "const float SBL_AGX_GREY = 10.0 / 16.5;\n",
 "\n",
-"// Returns 2 x / (1 + a x^power)^(1 / power), where a makes the value at x = end equal to 0.5.\n",
+"// Returns 2 x / (1 + a x^power)^(1 / power); a is chosen so that the value at x = end is 0.5.\n",
 "vec3 sbl_agx_half(vec3 x, float end, float power) {\n",
 "    float a = (pow(4.0 * end, power) - 1.0) / pow(end, power);\n",
 "    return 2.0 * x * pow(1.0 + a * pow(x, vec3(power)), vec3(-1.0 / power));\n",
@@ -18542,40 +18663,41 @@ static const char *const sbl__glsl_tone[] = {
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
-"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
-"// sample has its own G-buffer; its light comes from the nearest pixel centres that show the same surface, so that\n",
-"// light does not bleed over edges.\n",
-"uniform sampler2D radiance;                 // R at pixel centres\n",
+"// Composes (section III-H) one anti-aliasing sample of every pixel: emission plus reflected light. The sample has\n",
+"// its own G-buffer. Its light comes from the nearest pixel centres that show the same surface, so that light does\n",
+"// not bleed over edges.\n",
+"uniform sampler2D radiance;                 // R (irradiance / pi) at pixel centres\n",
 "#ifdef SBL_SPECULAR\n",
 "uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres\n",
-"uniform sampler2D sample_specular;          // albedo of the lobe\n",
+"uniform sampler2D sample_specular;          // albedo of the specular lobe\n",
 "#endif\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
-"uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
-"uniform sampler2D previous;                 // sum of the samples before, each times `share`\n",
+"uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels\n",
+"uniform sampler2D previous;                 // sum of the previous samples, each times `share`\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
 "uniform float share;                        // 1 / number of samples per pixel\n",
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
-"uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
+"uniform sampler2D previous_display;         // like `previous`, for the colour on the screen\n",
 "uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
-"uniform float first_row;                    // number of the whole picture's rows that lie above this part\n",
-"uniform float height;                       // number of all rows of the whole picture\n",
-"const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture\n",
+"uniform float first_row;                    // index in the whole picture of this part's first row\n",
+"uniform float height;                       // number of rows of the whole picture\n",
+"const float SBL_BACKDROP_TOP = 0.3;         // factor of the backdrop at the upper edge of the picture\n",
 "layout(location = 1) out vec4 out_display;\n",
 "#endif\n",
 "\n",
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
-"const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
-"const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
-"const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals\n",
+"const float SBL_NEAR_ENOUGH = 0.05;     // smallest sum of weights at which the four nearest pixels suffice\n",
+"const float SBL_SAME_ID = 1e-3;         // weight of a pixel that has the same id, but does not belong to the\n",
+"                                        // surface\n",
+"const float SBL_OTHER_ID = 0.01;        // if no pixel has the sample's id, the weight is this + cosine of normals\n",
 "\n",
 "// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight\n",
-"// is too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
-"// light: R or another light at pixel centres\n",
+"// is too small, from pixels with its id within SBL_REACH; if none has its id, from all surfaces there; otherwise\n",
+"// 0. light: R or another light at pixel centres\n",
 "vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -18617,7 +18739,7 @@ static const char *const sbl__glsl_resolve[] = {
 "        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "#ifdef SBL_SPECULAR\n",
 "        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
-"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make it negative\n",
+"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make light negative\n",
 "#endif\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
@@ -18637,7 +18759,7 @@ static const sbl__recipe sbl__recipe_resolve = {
       sbl__glsl_sky, sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY | SBL__SPECULAR
 };
 
-/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels. A single sample lies at the
+/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels. A single sample is at the
    centre. */
 static void sbl__sample_offset(int i, int count, float out[2]) {
     double u[2];
@@ -18646,22 +18768,22 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(u[1] - 0.5);
 }
 
-/* One anti-aliasing sample, of all pixels. */
+/* one anti-aliasing sample, of all pixels */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *emission;          /* emission of the sample */
-    const sbl__texture *radiance;          /* R at pixel centres */
+    const sbl__texture *radiance;          /* R (irradiance / pi) at pixel centres */
     const sbl__texture *reflected;         /* light in specular lobes at pixel centres; NULL: all materials are matte */
-    const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
-                                              what a screen shows, if tone asks for it */
+    const sbl__texture *previous;          /* [0]: sum of the previous samples, each divided by `count`; [1]: the same
+                                              for the colour on a screen, if `tone` requests it */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
-    float offset[2];                       /* position of the sample relative to the pixel's centre, pixels */
+    int index, count;                      /* index of the anti-aliasing sample; number of samples */
+    float offset[2];                       /* position of the sample relative to the pixel's centre, in pixels */
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
-    float stops;                           /* exposure of what a screen shows */
+    float stops;                           /* exposure of the colour on a screen, in stops */
     const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
-    const sbl__window *window;             /* where the working grid lies in the whole picture */
+    const sbl__window *window;             /* position of the working grid in the whole picture */
 } sbl__resolve;
 
 /* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
@@ -18707,8 +18829,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
    neighbours that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
-    int size[2];               /* width and height, texels */
-    float *light;              /* 4 floats per texel: light of a layer; the texel's ring, 0 on charts, -1 if none yet */
+    int size[2];               /* width and height in texels */
+    float *light;              /* 4 floats per texel: light of a layer; the texel's ring: 0 on charts, -1 if none yet */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -18744,7 +18866,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 }
 
 /* Makes the texels on charts ring 0. On entry, g->light holds the output of the filter: light and, as fourth float, 1
-   on charts and 0 elsewhere. The fourth float becomes the texel's ring, 0 or -1. first, count: range of texels */
+   on charts and 0 elsewhere. Replaces the fourth float by the texel's ring, 0 or -1. first, count: range of texels */
 static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
     int i;
     for (i = first; i < first + count; i++) {
@@ -18760,22 +18882,24 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 
        sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B are the bilinear weights at the point's two places in the map, and x0 is x before. Channels of R that
-   become negative are set to 0 and kept there while the rest is solved again. A seam is a pair of edges of triangles
-   with the same ends and normals in the world, but not in the map: where normals differ, light may differ. Points where
-   light differs much are left out: something stands there, for example a wall on a floor that is divided beneath it. */
+   where A and B are the bilinear weights at the point's two positions in the map, and x0 is x before. Channels of R
+   that become negative are set to 0 and kept there while the rest is solved again. A seam is a pair of edges of
+   triangles with the same ends and normals in the world, but not in the map: where normals differ, light may differ.
+   Points where light differs much are left out: an object stands there, such as a wall on a floor that is divided
+   beneath it. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
 #define SBL__SEAM_POINTS_MOST 65536  /* maximum number of points per seam */
-#define SBL__SEAM_TURN 0.998      /* normals are the same if their cosine is above this */
-#define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
-#define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
+#define SBL__SEAM_TURN 0.998      /* normals are equal if their cosine exceeds this */
+#define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this * the light of the brighter
+                                     side */
+#define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends to which an edge is compared */
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-8  /* sbl__solver.precision2. 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
-/* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
-   unknowns: texels until the point is added, then numbers of unknowns */
+/* A point of a seam. Entries 0 to 3 are for its position A in the map, 4 to 7 for B; the weights of B are negative.
+   unknowns: texels until the point is added, then indices of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
@@ -18787,17 +18911,17 @@ typedef struct sbl__seams {
     sbl__hash_table edges;      /* sides of baked triangles, by the positions of their ends */
     sbl__seam_point *points;
     int point_count, point_room;
-    int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
+    int *unknown_of;            /* per texel: 1 + its index among the unknowns; 0: the texel does not change */
     int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
     sbl__solver solver;         /* finds the change of 3 channels per unknown; diagonal 0: the channel is kept at 0 */
     int seams;                  /* number of seams, each a pair of edges */
-    int layer;                  /* index of the layer being sewn. 0: R; others: harmonics or light groups, in which
+    int layer;                  /* index of the current layer. 0: R; others: harmonics or light groups, in which
                                    channels may become negative */
-    int rounds;                 /* how many solutions of this layer have made channels negative so far */
-    int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
-    float before, after;        /* largest |luminance| of a difference across a seam in the layers so far, before the
-                                   first and after the last solution of a layer; not relative */
+    int rounds;                 /* number of solutions of this layer so far that made channels negative */
+    int bound;                  /* 1: the last solution made channels negative, which were then set to 0 */
+    float before, after;        /* largest absolute luminance of a difference across a seam in the layers so far, before
+                                   the first and after the last solution of a layer */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -18829,8 +18953,8 @@ static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t ver
     if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
 }
 
-/* Returns 0 if two edges have different ends in the world, 2 if they are a seam (their ends have different places in
-   the map and the same normals), otherwise 1. ends: two vertices per edge */
+/* Returns 0 if two edges have different ends in the world, 2 if they form a seam (their ends have different positions
+   in the map and the same normals), otherwise 1. ends: two vertices per edge */
 static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], const uint32_t ends[2][2]) {
     int i, parted = 0, alike = 1;
     for (i = 0; i < 2; i++) {
@@ -18845,8 +18969,8 @@ static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], cons
     return parted && alike ? 2 : 1;
 }
 
-/* Stores the four texels around a place in the map (at, in texels) and their bilinear weights, negative for side 1, as
-   one side of a point. Returns 0, with the side incomplete, if one of these texels has no light; otherwise 1. */
+/* Stores the four texels around a position in the map (at, in texels) and their bilinear weights, negative for side 1,
+   as one side of a point. Returns 1; or 0, with an incomplete side, if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     int low[2], high[2], i, k;
     double share[2];
@@ -18866,7 +18990,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
     return 1;
 }
 
-/* Returns 1 if the light on both sides of a point does not differ much. p->unknowns holds texels. */
+/* Returns 1 if the light on both sides of a point does not differ much. p->unknowns must hold texels. */
 static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
@@ -18898,7 +19022,7 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam, except where a texel has no light or light differs much. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    double mapped[2][2][2], longest = 0;  /* [side][end]: x and y in the map, texels */
+    double mapped[2][2][2], longest = 0;  /* [side][end]: x and y in the map, in texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
@@ -18926,8 +19050,8 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     return SBL_SUCCESS;
 }
 
-/* Adds points along the seams between a baked edge and edges in s->edges, then adds the edge to s->edges, unless
-   SBL__SEAM_CHAIN edges with the same ends are there. */
+/* Adds points along the seams between a baked edge and edges in s->edges. Then adds the edge to s->edges, unless this
+   contains SBL__SEAM_CHAIN edges with the same ends. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -18969,7 +19093,7 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
-   right-hand side. Before the first solution of a layer, also lets all channels of the point's texels change. */
+   right-hand side. Before the first solution of a layer, also frees all channels of the point's texels to change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -18993,8 +19117,8 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     return SBL_SUCCESS;
 }
 
-/* Adds the solution to a texel. A channel of R that would become negative is set to 0, and further solutions of R do
-   not change it. */
+/* Adds the solution to a texel. Sets a channel of R that would become negative to 0, and excludes it from further
+   solutions of R. */
 static sbl_result sbl__seam_apply(void *work, int unknown) {
     sbl__seams *s = (sbl__seams *)work;
     float *texel = s->light->light + 4 * (size_t)s->texels[unknown];
@@ -19053,8 +19177,8 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* Does one piece of work. Returns SBL_SUCCESS when the layer is sewn. The layers of a lightmap must be sewn in
-   ascending order, from 0 on; they share the points and the solver. */
+/* Does a piece of work. Returns SBL_SUCCESS when the layer is done. The layers of a lightmap must be done in ascending
+   order, from 0 on; they share the points and the solver. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -19075,7 +19199,7 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
-/* Puts what the seams of layer 0 were and are into statistics. mean: mean luminance of R */
+/* Writes the differences at the seams of layer 0, before and after, to statistics. mean: mean luminance of R */
 static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats) {
     stats->lightmap.seams = s->seams;
     stats->lightmap.seam_before = mean > 0 ? (float)((double)s->before / mean) : 0;
@@ -19083,11 +19207,11 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
 }
 
 /* ======================================================================================================== >>work
-   What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
+   The common parts of all front ends. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
    get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
-/* Memory that a map will need, in bytes, GPU and host together: [0]: during refinement, [1]: afterwards. */
+/* Memory that a map will need, in bytes, on GPU and host together. [0]: during refinement, [1]: afterwards */
 typedef struct sbl__need {
     double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
     double pixels;              /* number of working pixels */
@@ -19102,7 +19226,7 @@ static double sbl__need_fits(const sbl__need *n, double bytes) {
     return SBL__MAX(0, SBL__MIN((bytes - n->once[0]) / n->pixel[0], (bytes - n->once[1]) / n->pixel[1]));
 }
 
-/* Returns SBL_ERROR_OUT_OF_MEMORY, and logs what would fit, if the budget does not allow the need. */
+/* Returns SBL_ERROR_OUT_OF_MEMORY, and logs the size that would fit, if the budget does not allow the need. */
 static sbl_result sbl__need_afford(const sbl__base *base, const char *function, const sbl__need *need) {
     const double left = (double)base->budget - (double)base->memory.host_bytes - (double)base->memory.gpu_bytes;
     const double side = sqrt(sbl__need_fits(need, left));
@@ -19113,25 +19237,25 @@ static sbl_result sbl__need_afford(const sbl__base *base, const char *function, 
     return SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
+/* The functions of a front end. work: its struct. desc: the host's descriptor, which may be NULL */
 typedef struct sbl__front_end {
     const char *begin_name;         /* name of the public function that begins the work, for messages */
     int is_map;                     /* 1: the struct begins with an sbl__map, whose channels the host can read */
     /* Checks the descriptor, logs mistakes, and sets *measurement. Changes nothing else. */
     sbl_result (*check)(const sbl__core *core, const void *desc, sbl__measurement *measurement);
-    /* Maps only: estimates the memory that the work will need. desc has been checked. */
+    /* Maps only: estimates the memory that the work will need. desc: must be checked */
     sbl__need (*need)(const sbl__core *core, const void *desc);
-    /* Fills the struct, of which only the sbl__work is set so far. desc has been checked. */
+    /* Fills the struct, of which only the sbl__work is set. desc: must be checked */
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
     int stage_count;
-    /* Returns the statistic to which the seconds of the current stage are added, or NULL if there is none. */
+    /* Returns the statistic for the seconds of the current stage, or NULL. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the finished share, 0 to 1; only in >>map it includes the store */
+    float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1; only >>map includes the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
-/* Work that the host has begun; all zeroes if there is none. */
+/* Work that the host has begun; all zeroes: no work */
 typedef struct sbl__work {
     const sbl__front_end *front_end;
     sbl__core *core;
@@ -19139,16 +19263,16 @@ typedef struct sbl__work {
     sbl__stages stages;  /* position in the front end's table of stages */
     sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
     sbl__site *sites;    /* memory for the sites of the task */
-    sbl_reading *readings;  /* memory for the task's readings; NULL if the host has provided memory */
-    float store_share;   /* the part of `progress` that filling the store adds, apart from front_end->progress; 0 if the
-                            store need not be filled, or if front_end->progress counts it (>>map) */
-    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
+    sbl_reading *readings;  /* memory for the task's readings; NULL if the host provides memory */
+    float store_share;   /* part of `progress` for filling the store, in addition to front_end->progress; 0 if the store
+                            need not be filled, or if front_end->progress includes it (>>map) */
+    float progress;      /* progress as reported to the host, 0 to 1; never decreases */
     double progress_at;  /* stats.seconds.total when `progress` was last computed */
 } sbl__work;
 
 static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
 
-/* Begins work in a struct that is all zeroes. The descriptor has been checked. */
+/* Begins work in a struct that is all zeroes. desc: must be checked */
 static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end, sbl__core *core,
                                   const sbl__measurement *measurement, const void *desc) {
     w->front_end = front_end;
@@ -19163,7 +19287,8 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     return front_end->begin(w, desc);
 }
 
-/* Does a piece of the current stage; adds its time, except the store's, to statistics. SBL_SUCCESS: all stages done. */
+/* Does a piece of the current stage, and adds its time, without the store's, to statistics. Returns SBL_SUCCESS when
+   all stages are done. */
 static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
     const sbl__front_end *f = w->front_end;
     const double start = sbl__now(), bounced = w->core->stats.seconds.bounce;
@@ -19210,13 +19335,13 @@ static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
     return sbl__core_sense(w->core, slice);
 }
 
-/* Returns how many sites of the task are measured. sense: the front end's stage that is sbl__work_sense */
+/* Returns how many sites of the task have been measured. sense: index of the front end's stage sbl__work_sense */
 static double sbl__work_measured(const sbl__work *w, int sense) {
     if (w->stages.stage != sense) return w->stages.stage > sense ? w->task.site_count : 0;
     return w->stages.at ? (double)sbl__job_progress(&w->core->job) * w->task.site_count : 0;
 }
 
-/* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
+/* the `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure */
 static double *sbl__work_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
     return w->stages.stage ? &w->core->stats.seconds.gather : &w->core->stats.seconds.surface;
@@ -19227,8 +19352,8 @@ static double *sbl__work_seconds(const void *work) {
    >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. The front end
    chooses the functions of the stages READ and PREVIEW.
 
-   The map is made on the working grid, which is finer than the map that the host reads if texels of a lightmap are
-   supersampled: each pixel of the host then consists of across x across working pixels.
+   The map is made on the working grid. If texels of a lightmap are supersampled, this grid is finer than the map that
+   the host reads: each pixel of the host then consists of across x across working pixels.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
                                               |    ^
@@ -19239,7 +19364,7 @@ static double *sbl__work_seconds(const void *work) {
 
    Filling the store can take most of the time. If the host reads channels before the store is full, PREPARE is
    interrupted for a glimpse: a map of direct light alone with few sensors. The stages from SURFACE to PREVIEW make it,
-   then PREPARE goes on. All that the glimpse has measured is forgotten; only its preview stays for the host to read. */
+   then PREPARE continues. All measurements of the glimpse are dropped; only its preview stays for the host to read. */
 
 enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
@@ -19248,10 +19373,10 @@ enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_D
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
-/* A texture, and the target that passes use to draw into it. */
+/* a texture, and the target for passes that draw into it */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
 
-/* A layer of light on the GPU. */
+/* a layer of light on the GPU */
 typedef struct sbl__map_layer {
     sbl__texture light;         /* interpolated light; alpha of layer 0: noise of R as in sbl__fill.rgba */
     sbl__map_image smooth;      /* filtered light */
@@ -19260,14 +19385,14 @@ typedef struct sbl__map_layer {
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_picture_desc desc;      /* with defaults; width, height and view_to_clip are those of the working grid */
-    sbl__window window;         /* where the working grid lies in the whole picture, and which part the host sees */
+    sbl__window window;         /* position of the working grid in the whole picture, and the part that the host sees */
     int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
     int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1; see
                                    sbl__map_shown */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
-    sbl__atlas *atlas;          /* the atlas that a lightmap shows; NULL: a picture shows what the camera sees */
+    sbl__atlas *atlas;          /* the atlas of a lightmap; NULL: the map is that of a picture */
     int has_lobes;              /* 1: a picture of a scene whose materials are not all matte, see >>reflections */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
@@ -19277,19 +19402,19 @@ typedef struct sbl__map {
     sbl__stages developing;
     sbl__fill fill;
     sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or that of >>reflections */
-    float reflected;            /* share of >>reflections that is done, 0 to 1 */
+    float reflected;            /* finished fraction of >>reflections, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS_MOST];
     sbl__pace filter_pace;
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target with the channel; NULL: see sbl__map_channel_pixel */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
-    float *errors;              /* per working pixel: predicted standard error of the luminance of FINAL; NULL: there
-                                   are no reflections, or they are not measured yet */
+    float *errors;              /* per working pixel: predicted standard error of the luminance of FINAL; NULL: the
+                                   picture has no reflections, or they are not measured yet */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
-    int64_t previewed;          /* number of looks in the last preview; 0: there is none except that of a glimpse */
+    int64_t previewed;          /* number of looks in the last preview; 0: none, except perhaps that of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
-    float finished;             /* share of the front end's own stages that is done, 0 to 1 */
+    float finished;             /* finished fraction of the front end's own stages, 0 to 1 */
     double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
                                    and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
@@ -19297,25 +19422,26 @@ typedef struct sbl__map {
 #define SBL__MAP_SHARE 0.55f      /* progress at which R is developed if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels. Unit: mean time
-                                     of one ray of the store. A root, because most sensors stand along edges. Most of
-                                     60 random rooms took half to twice as long */
-#define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of work that does not fill the store */
-#define SBL__MAP_SPENT 0.6        /* each second of refinement shortens the rest of the usual time by this many seconds,
-                                     because refinement that lasts is longer than usual */
-#define SBL__MAP_LEAST 0.4        /* the rest of the usual time is estimated as at least this * the usual time */
-#define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, and room for more of them */
+#define SBL__MAP_RAYS 30000.0     /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
+                                     the store. A root, because most sensors are at edges. The time was 0.5 to 2 times
+                                     this in most of 60 random rooms */
+#define SBL__MAP_LOOKS 0.7        /* typical number of looks per pixel, for work that does not fill the store */
+#define SBL__MAP_SPENT 0.6        /* each second of refinement reduces the rest of the typical time by this many
+                                     seconds, because refinement that lasts is longer than typical */
+#define SBL__MAP_LEAST 0.4        /* lower limit of the rest of the typical time, as a fraction of the typical time */
+#define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, including unused capacity */
 #define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
 #define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
 #define SBL__LOBES_BYTES 24.0     /* bytes per pixel of the textures SBL__GBUFFER_LOBES */
 #define SBL__SAMPLE_BYTES 60.0    /* bytes per pixel of a G-buffer with the textures SBL__GBUFFER_SAMPLE */
 #define SBL__TEXEL_BYTES 44.0     /* bytes per pixel of a G-buffer with the textures SBL__GBUFFER_TEXEL */
 #define SBL__DEVELOP_BYTES 40.0   /* bytes per pixel of a layer's sbl__fill and of its unfiltered light */
-#define SBL__VIEW_BYTES 12.0      /* bytes per texel of the texture of views, with its depth */
+#define SBL__VIEW_BYTES 12.0      /* bytes per texel of the view texture, including its depth */
 #define SBL__MAP_JOBS 4e7         /* estimated bytes of the largest jobs: sites, readings, textures of sensors */
-#define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
+#define SBL__GLIMPSE_TILE 16      /* smallest width of the glimpse's first-level tiles, in pixels; the default of
+                                     desc.tile */
 #define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
-#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse; SBL__GLIMPSE_LOOKS usually ends it earlier */
+#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which usually ends earlier (SBL__GLIMPSE_LOOKS) */
 #define SBL__GLIMPSE_LOOKS 0.01   /* looks per visible pixel; the glimpse ends after the round that reaches this */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
@@ -19341,8 +19467,8 @@ static void sbl__map_free(sbl__map *m) {
     sbl__free(d->base, m->errors);
 }
 
-/* The last part of a front end's check: sets *measurement. Returns SBL_ERROR_UNSUPPORTED, and logs it, if the working
-   grid is larger than the driver's textures. d: with defaults. asked: 1 if the host has set target_error */
+/* The last part of a front end's check: sets *measurement. Logs an error and returns SBL_ERROR_UNSUPPORTED if the
+   working grid is larger than the driver's textures. d: with defaults. asked: 1: the host has set target_error */
 static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
                                  sbl__measurement *measurement) {
     const int most = c->device.gl.capabilities.max_texture_size;
@@ -19356,8 +19482,8 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Estimates the memory that a map needs: per working pixel, the refinement and the surfaces; once, the views and, if it
-   is not ready, the store. It needs most either during refinement, with the whole G-buffer and the jobs, or afterwards.
+/* Estimates the memory of a map: per working pixel, the refinement and the surfaces; once, the views and, if it is not
+   ready, the store. The maximum occurs either during refinement, with the whole G-buffer and the jobs, or afterwards.
    d: with defaults, of the whole picture. own: bytes per working pixel that the front end always adds. late: bytes per
    working pixel that are needed only after refinement */
 static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own, double late) {
@@ -19386,7 +19512,7 @@ static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, co
 }
 
 /* Sets up the map. desc: with defaults; its size is that of the whole picture in working pixels. across: number of
-   working pixels across a pixel of the host. m->spec already tells which layers are measured besides R. */
+   working pixels across a pixel of the host. m->spec must specify the layers to measure besides R. */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across) {
     sbl__core *c = m->work.core;
     int level;
@@ -19406,7 +19532,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     for (level = 0; level < SBL_MAX_LEVELS; level++)
         c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
-    m->work.store_share = 0;  /* sbl__map_progress counts the store */
+    m->work.store_share = 0;  /* sbl__map_progress includes the store */
     m->glimpse_measurement = m->work.measurement;
     m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
     m->glimpse_measurement.options.rays = SBL__GLIMPSE_RAYS;
@@ -19430,7 +19556,7 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes everything that the glimpse has changed, except its preview, which the host reads, and the seconds spent. */
+/* Undoes all changes of the glimpse, except its preview, which the host reads, and the seconds spent. */
 static void sbl__map_end_glimpse(sbl__map *m) {
     sbl__core *c = m->work.core;
     m->glimpse = SBL__GLIMPSE_SHOWN;
@@ -19441,7 +19567,7 @@ static void sbl__map_end_glimpse(sbl__map *m) {
     memset(&c->job.counts, 0, sizeof c->job.counts);
 }
 
-/* >>map: what pixels show */
+/* >>map: surfaces that pixels show */
 
 /* Allocates memory and textures, a part of them per piece. Only pictures need a depth buffer. */
 static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
@@ -19460,7 +19586,7 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture for the working grid, or for the pixels of the host. */
+/* Makes a texture for the working grid (working: 1) or for the pixels of the host (0). */
 static sbl_result sbl__map_texture(const sbl__map *m, int working, sbl__texture *t) {
     return sbl__texture_make(&m->work.core->device, t, working ? m->desc.width : m->size[0],
                              working ? m->desc.height : m->size[1], SBL__GL_RGBA32F);
@@ -19472,7 +19598,7 @@ static sbl_result sbl__map_image_make(const sbl__map *m, int working, sbl__map_i
                                  : result;
 }
 
-/* Uploads some of the rows of rgba, from row *at on, and advances *at. SBL_SUCCESS: all rows are uploaded. */
+/* Uploads some of the rows of rgba, from row *at on, and advances *at. Returns SBL_SUCCESS when all are uploaded. */
 static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const float *rgba, int *at) {
     const int first = *at, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / t->width), t->height - first);
     const float *from = rgba + 4 * (size_t)first * (size_t)t->width;
@@ -19494,7 +19620,7 @@ static int sbl__map_after_prepare(void *work) {
     return SBL__MAP_SURFACE;
 }
 
-/* Draws a piece of a G-buffer. SBL_SUCCESS: it is complete. sample, offset: see sbl__surface_job */
+/* Draws a piece of a G-buffer. Returns SBL_SUCCESS when it is complete. sample, offset: see sbl__surface_job */
 static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int sample, const float offset[2],
                                         sbl__slice *slice) {
     sbl__core *c = m->work.core;
@@ -19520,7 +19646,7 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
 }
 
 /* Puts a pixel of the G-buffer into m->refine. from: position, normal, geometric normal and emission, 4 floats each;
-   gbuffer_fragment.glsl describes the fourth. Emission is read only if m->spec.bounced is 1. id: 0: no surface */
+   gbuffer_fragment.glsl describes the fourth. Emission is only read if m->spec.bounced is 1. id: 0: no surface */
 static sbl_result sbl__map_put(sbl__map *m, size_t index, const float *const from[4], uint32_t id) {
     float stored[3] = { 0, 0, 0 };
     int shows_stored = 0;
@@ -19540,15 +19666,15 @@ static sbl_result sbl__map_put(sbl__map *m, size_t index, const float *const fro
     return sbl__refine_put(&m->refine, index, &pixel, stored, shows_stored);
 }
 
-/* Returns the number of the working pixel whose surface the host's pixel number i shows. */
+/* Returns the index of the working pixel whose surface pixel i of the host shows. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) {
     const size_t width = (size_t)m->size[0], x = i % width, y = i / width;
     if (m->shown) return (size_t)m->shown[i];
     return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
 }
 
-/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse will be followed by another reading
-   of them. */
+/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse is under way, after which they are
+   read again. */
 static sbl_result sbl__map_trim(sbl__map *m) {
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
     return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
@@ -19556,7 +19682,8 @@ static sbl_result sbl__map_trim(sbl__map *m) {
                                       : SBL__GBUFFER_SAMPLE | (m->has_lobes ? SBL__GBUFFER_LOBES : 0));
 }
 
-/* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
+/* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. Returns SBL_SUCCESS when all
+   rows have been read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     static const int attachments[6] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION, SBL__GBUFFER_ALBEDO, SBL__GBUFFER_SPECULAR };
@@ -19605,7 +19732,7 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes sbl__map_develop begin again, with this layer. */
+/* Makes sbl__map_develop start again, with this layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
@@ -19667,7 +19794,7 @@ static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
-/* Deletes the light that the filter has read, unless it guides the filter of further layers. */
+/* Deletes the light that the filter has read, unless the filter of further layers needs it. */
 static int sbl__map_after_develop(void *work) {
     sbl__map *m = (sbl__map *)work;
     m->developed = 1;
@@ -19715,7 +19842,7 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The first rows of the table of stages of a front end, which supplies the functions `read` and `preview`. */
+/* The first rows of the table of stages of a front end, which provides the functions `read` and `preview`. */
 #define SBL__MAP_ROWS(read, preview) \
     { sbl__map_setup, NULL, NULL, NULL }, { sbl__map_prepare, sbl__map_after_prepare, NULL, NULL }, \
     { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
@@ -19732,9 +19859,9 @@ static double *sbl__map_seconds(const void *work) {
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
 
-/* Estimates the seconds until refinement ends, including those until the store is full. Before the first look,
-   refinement takes its usual time (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, the rest
-   of the usual time is mixed with the time of the looks that errors demand, whose weight is expected_sure. */
+/* Estimates the seconds until refinement ends, including those until the store is full. Before the first look, assumes
+   the typical time of refinement (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, mixes the
+   rest of the typical time with the time of the looks that errors demand, whose weight is expected_sure. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -19753,9 +19880,9 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     return filling + (1 - r->expected_sure) * usual + r->expected_sure * demanded;
 }
 
-/* Returns the share of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse, 0.95 to 0.99
-   after refinement, 1 if all is done. Progress never decreases, so a brief wrong estimate must not raise it too much:
-   in twice the time, it grows to at most four times its value. */
+/* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse, 0.95 to
+   0.99 after refinement, 1 at the end. Progress never decreases, so a brief wrong estimate must not raise it too much:
+   while the elapsed time doubles, it grows to at most four times its value. */
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
@@ -19771,9 +19898,9 @@ static float sbl__map_progress(const void *work) {
     return (float)SBL__MIN(share, most);
 }
 
-/* Called when the host asks for a channel of an unfinished map. From then on, stage PREVIEW makes previews. If there is
-   no preview yet but refinement has predicted an error, makes one at once. Returns SBL_SUCCESS if there is a preview,
-   SBL_UNFINISHED if there is none yet (also while a glimpse is made), or an error. */
+/* Called when the host asks for a channel of an unfinished map. From then on, stage PREVIEW makes previews. If no
+   preview exists but refinement has predicted an error, makes one at once. Returns SBL_SUCCESS if a preview exists,
+   SBL_UNFINISHED if none exists yet (also while a glimpse is made), or an error. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -19796,7 +19923,7 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 /* >>map: channels */
 
 /* Per channel: floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is not NULL;
-   index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer does not have it. */
+   index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer has no such texture. */
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
@@ -19805,7 +19932,7 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
 };
 
-/* Gets a pixel of a channel that no target holds. host_pixel: number of the pixel of the host */
+/* Gets a pixel of a channel that no target holds. host_pixel: index of the pixel of the host */
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t host_pixel, float *out) {
     const size_t i = sbl__map_shown(m, host_pixel);
     const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
@@ -19827,7 +19954,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? (m->errors ? m->errors[i] : pixel->error) : (float)sensor->level;
 }
 
-/* Returns 1 if a target has a texel for each pixel of the host; otherwise it has one for each working pixel. */
+/* Returns 1 if a target has one texel per pixel of the host, or 0 if it has one per working pixel. */
 static int sbl__map_has_hosts_size(const sbl__map *m, const sbl__target *t) {
     return t->width == m->size[0] && t->height == m->size[1];
 }
@@ -19838,7 +19965,8 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
     const sbl__target *t = m->channels[channel];
     const int direct = sbl__map_has_hosts_size(m, t), across = direct ? 1 : m->across;
     const size_t width = (size_t)t->width, pixels = (size_t)m->size[0];
-    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across);  /* number of the host's rows read at once */
+    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across);  /* number of the host's rows that are read at
+                                                                            once */
     float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)(SBL__MIN(most, m->size[1]) * across), 16);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     size_t i;
@@ -19870,8 +19998,8 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Copies a channel into a texture with one texel per pixel of the host, because its own has the working size, or it
-   has none. Returns the copy's GL name, or 0 on failure. */
+/* Copies a channel into a texture with one texel per pixel of the host, because the channel has the working size or no
+   texture. Returns the copy's GL name, or 0 on failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
@@ -19906,17 +20034,17 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 }
 
 /* ==================================================================================================== >>reflections
-   Light that specular lobes reflect to the camera, after R is known. A second refinement, with sensors that measure the
-   mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's albedo
-   times this layer. The target error is that of FINAL: the predicted error of albedo * R counts like the uncertainty of
-   stored light, as a part that this refinement cannot reduce.
+   The light that specular lobes reflect to the camera. After R is known, a second refinement, with sensors that measure
+   the mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's
+   albedo times this layer. The target error is that of FINAL: the predicted error of albedo * R acts like the
+   uncertainty of stored light, as a part that this refinement cannot reduce.
 
-       lobes --> refine (sensors of lobes) --> fill --> filter --> resolve                                        */
+       lobes --> refine (sensors of lobes) --> fill --> filter --> resolve */
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
-#define SBL__LOBE_FORESEEN 0.3f   /* light in lobes of a greater roughness changes where R changes */
-#define SBL__LOBE_CELLS_LEAST 0.1f  /* the share of cells that a lobe sees counts as at least this, because errors of
-                                       neighbouring cells are alike */
+#define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
+#define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of the fraction of cells that a lobe sees, because errors of
+                                       neighbouring cells are similar */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {
@@ -19940,7 +20068,7 @@ static double sbl__reflections_bytes(void) {
            SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8 + 4;
 }
 
-/* Begins the refinement, whose errors are relative to the mean of FINAL without emission. */
+/* Begins the refinement. Its errors are relative to the mean of FINAL without emission. */
 static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
@@ -19948,7 +20076,7 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
     f->measurement.every_ray = 1;
-    f->measurement.options.ray_length = 0;  /* it is for rays over the hemisphere */
+    f->measurement.options.ray_length = 0;  /* it applies to rays over the hemisphere */
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
@@ -19962,7 +20090,7 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     return f->errors ? sbl__refine_make(&f->refine) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Unpacks what gbuffer_fragment.glsl has packed: x: red and green of the reflectance, y: blue and the roughness, as
+/* Unpacks the output of gbuffer_fragment.glsl: x: red and green of the reflectance, y: blue and the roughness, as
    integers; z, w: the direction to the viewer, in octahedral form. */
 static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     const double steps = SBL__LOBE_STEPS + 1, red = fmod((double)lobe[0], steps), blue = fmod((double)lobe[1], steps);
@@ -19980,12 +20108,12 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* What sbl__reflections_read reads of a pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
+/* per pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
-/* Returns the standard error that stored light causes in the light of a lobe. That of R is a mean over the cells that
-   the pixel sees. A lobe sees 8 alpha^2 times as many: this is the ratio of 1 / integral of density^2, which is
-   12 pi alpha^2 for a narrow lobe of GGX and 3 pi / 2 for the cosine. */
+/* Returns the standard error that stored light causes in the light of a lobe. The standard error of R is a mean over
+   the cells that the pixel sees. A lobe sees 8 alpha^2 times as many: this is the ratio of 1 / integral of pdf^2, which
+   is 12 pi alpha^2 for a narrow GGX lobe and 3 pi / 2 for the cosine. */
 static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float roughness) {
     const float alpha2 = roughness * roughness * roughness * roughness;
     const float share = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
@@ -20019,7 +20147,8 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
-/* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
+/* Reads rows of the G-buffer and of R, from row m->work.stages.at on. Returns SBL_SUCCESS when all rows have been
+   read. */
 static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     static const int attachments[SBL__READS - 1] = { SBL__GBUFFER_LOBE, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_ALBEDO };
     sbl__core *c = m->work.core;
@@ -20054,7 +20183,7 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission, for now with R in place of the light in lobes. If the host has set the mean
+/* Sets the mean of FINAL without emission, at first with R in place of the light in lobes. If the host has set the mean
    of R, because the picture is a window, this is the mean of the window times the ratio of both means of R. */
 static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
@@ -20083,7 +20212,7 @@ static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     m->reflected = 1;
 }
 
-/* Ends the work if no surface in view has a lobe: the error of FINAL is that of albedo * R. */
+/* Ends the work if no visible surface has a lobe: the error of FINAL is that of albedo * R. */
 static void sbl__reflections_skip(sbl__reflections *f, sbl__map *m) {
     sbl__weigh_begin(&f->refine);
     sbl__weigh_end(&f->refine);
@@ -20091,41 +20220,41 @@ static void sbl__reflections_skip(sbl__reflections *f, sbl__map *m) {
     sbl__reflections_end(f, m);
 }
 
-/* Returns how much of the refinement is done, by looks taken and expected, 0 to 1. */
+/* Returns the finished fraction of the refinement, by looks taken and expected, 0 to 1. */
 static float sbl__reflections_progress(const sbl__reflections *f) {
     return (float)(sbl__refine_looks_now(&f->refine) / SBL__MAX(sbl__refine_looks_expected(&f->refine), 1.0));
 }
 
 /* ======================================================================================================== >>picture
-   The front end that makes pictures: a radiance map of what a camera sees, then composition and anti-aliasing. */
+   The front end that makes pictures: a radiance map of the camera's view, then composition and anti-aliasing. */
 
 enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH,
        SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
-/* A composition. textures[0]: radiance; textures[1]: what a screen shows, made only if there is a tone. */
+/* A composition. textures[0]: radiance; textures[1]: the colour on a screen, made only with a tone */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
 
-/* Passes of a preview. The second and the third are needed for auto_exposure only. */
+/* Passes of a preview. The second and the third are only needed for auto_exposure. */
 enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 
-#define SBL__METER_BINS 1024   /* bins of a histogram of log2(luminance). The first begins at 2^-64; the first and the
-                                  last also take what lies beyond the range */
+#define SBL__METER_BINS 1024   /* bins of a histogram of log2(luminance), from 2^-64 on; the first and the last also
+                                  contain all values beyond the range */
 #define SBL__METER_STEP 0.125  /* width of a bin in stops */
-#define SBL__METER_ASIDE 0.05  /* share of the pixels that is left out at the dark end, and again at the bright end */
-#define SBL__METER_LIGHT -0.5  /* log2 of the radiance that the mean R is shown as, unless highlights limit it */
-#define SBL__METER_BRIGHT 0.05 /* share of the pixels, the brightest ones, that are highlights */
-#define SBL__METER_HIGHLIGHT 1.5  /* log2 of the greatest radiance that the mean highlight should be shown as */
+#define SBL__METER_ASIDE 0.05  /* fraction of the pixels that is left out at the dark end and at the bright end */
+#define SBL__METER_LIGHT -0.5  /* log2 of the radiance at which the mean R is shown, unless highlights limit it */
+#define SBL__METER_BRIGHT 0.05 /* fraction of the pixels, the brightest ones, that are highlights */
+#define SBL__METER_HIGHLIGHT 1.5  /* log2 of the maximum radiance at which the mean highlight should be shown */
 #define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
-#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples that blur what mirrors show */
+#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples that blur reflections in mirrors */
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
-    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if `samples` is 1. Its
-                                   texture of emission is also that of map.gbuffer.target */
-    int sampled;                /* 1: that texture holds the emission of a sample; 0: of pixel centres */
-    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or
-                                   more; [1]: over an odd number */
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; unused if `samples` is 1. It shares its
+                                   emission texture with map.gbuffer */
+    int sampled;                /* 1: the shared texture holds the emission of a sample; 0: that at pixel centres */
+    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or more;
+                                   [1]: over an odd number */
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__reflections reflections;
     sbl__pace resolve_pace;
@@ -20163,7 +20292,7 @@ static void sbl__picture_free(void *work) {
     memset(p, 0, sizeof *p);
 }
 
-/* Returns the descriptor with defaults. Without world_to_view, the camera frames the scene. */
+/* Returns the descriptor with defaults. Without world_to_view, the camera shows the whole scene. */
 static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_picture_desc *desc) {
     sbl_picture_desc d = sbl_picture_desc_defaults(desc);
     if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->scene.geometry, &d);
@@ -20177,28 +20306,28 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 
-/* Makes a composition the one that the host reads. */
+/* Gives a composition to the host as FINAL and DISPLAY. */
 static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_FINAL] = &s->target;
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Returns the number of anti-aliasing samples: desc.samples, or more if samples blur what mirrors show. */
+/* Returns the number of anti-aliasing samples: desc.samples, or more if the samples blur reflections in mirrors. */
 static int sbl__picture_samples(const sbl__core *c, const sbl_picture_desc *d) {
     const int blurs = sbl__reflections_needed(c, d) && c->scene.features & SBL__MIRRORS_BLUR;
     return blurs ? SBL__MAX(d->samples, SBL__BLUR_SAMPLES) : d->samples;
 }
 
-/* Gets the position of the current sample relative to the pixel's centre, pixels. All samples lie at the centre if
+/* Gets the position of the current sample relative to the pixel's centre, in pixels. All samples are at the centre if
    desc.samples is 1. */
 static void sbl__picture_offset(const sbl__picture *p, float out[2]) {
     const int one = p->map.desc.samples == 1;
     sbl__sample_offset(p->resolved, one ? 1 : p->samples, out);
 }
 
-/* Adds what a picture has besides a map: the triangles and the depth of surfaces, and their lobes. What it needs late:
-   the surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of what DEVELOP needs
-   and of what samples need: sums and, except for the emission, the surfaces of a sample. */
+/* Adds the memory of a picture beyond that of a map: triangles and depth of surfaces, and lobes. After refinement: the
+   surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of the memory for DEVELOP
+   and for samples: sums and, except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
@@ -20226,7 +20355,7 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
 /* >>picture: composition */
 
 /* Composes anti-aliasing sample `index` of `count`, and draws rows of the sum of samples 0 to `index`, from *row on.
-   Advances *row. SBL_SUCCESS: all rows are drawn. */
+   Advances *row. Returns SBL_SUCCESS when all rows are drawn. */
 static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
@@ -20267,8 +20396,8 @@ static void sbl__meter_count(int bins[SBL__METER_BINS], const float rgb[3]) {
     if (luminance > 0) bins[SBL__MIN(SBL__MAX(bin, 0), SBL__METER_BINS - 1)]++;
 }
 
-/* Returns the mean log2 of the luminances of those pixels that lie between the shares `from` and `to` (0 to 1) of all
-   counted pixels, from the darkest on; -DBL_MAX if no pixel was counted. */
+/* Returns the mean log2 of the luminances between the fractions `from` and `to` (0 to 1) of all counted pixels, sorted
+   from the darkest on, or -DBL_MAX if no pixel was counted. */
 static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, double to) {
     double all = 0, below = 0, sum = 0, weight = 0;
     int i;
@@ -20283,8 +20412,8 @@ static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, doub
 }
 
 /* Returns the exposure in stops, or 0 if all pixels are black. It depends on the mean logarithm of R (of FINAL, if no
-   surface is lit), without the darkest and the brightest SBL__METER_ASIDE of the pixels. R is the light before it is
-   multiplied by albedo, so that white rooms stay white and dark ones dark. Highlights limit the exposure. */
+   surface is lit), without the darkest and the brightest SBL__METER_ASIDE of the pixels. R does not contain the albedo,
+   so that white rooms stay white and dark ones dark. Highlights limit the exposure. */
 static float sbl__meter_stops(int meter[2][SBL__METER_BINS]) {
     const double lit = sbl__meter_mean(meter[0], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
     const double light = lit > -DBL_MAX ? lit : sbl__meter_mean(meter[1], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
@@ -20293,7 +20422,7 @@ static float sbl__meter_stops(int meter[2][SBL__METER_BINS]) {
     return light > -DBL_MAX ? (float)SBL__MAX(SBL__MIN(stops, limit), stops - SBL__METER_YIELD) : 0;
 }
 
-/* Counts rows of R and of the preview in the histograms, from p->row on; after the last row, sets the exposure. */
+/* Counts rows of R and of the preview in the histograms, from p->row on. After the last row, sets the exposure. */
 static sbl_result sbl__picture_meter(sbl__picture *p) {
     sbl__map *m = &p->map;
     sbl__core *c = m->work.core;
@@ -20320,8 +20449,8 @@ static sbl_result sbl__picture_meter(sbl__picture *p) {
     return result;
 }
 
-/* Composes the preview from one sample per pixel, at its centre, and from R as developed last. With auto_exposure it
-   then chooses the exposure, and composes the preview again. */
+/* Composes the preview from one sample per pixel, at its centre, and from R as developed last. With auto_exposure, then
+   chooses the exposure, and composes the preview again. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     const int last = p->map.desc.auto_exposure ? SBL__PREVIEW_EXPOSE : SBL__PREVIEW_COMPOSE;
     sbl_result result = SBL_SUCCESS;
@@ -20336,7 +20465,7 @@ static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice
 }
 
 /* Draws the surfaces at pixel centres again, because samples have overwritten their emission. The current sample then
-   begins again. */
+   starts again. */
 static sbl_result sbl__picture_redraw(sbl__picture *p, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = &p->map;
@@ -20357,8 +20486,8 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview(p, slice) : result;
 }
 
-/* Makes the G-buffer of samples. Its emission takes the texture that holds the emission at pixel centres, which only
-   previews read. */
+/* Makes the G-buffer of samples. It takes over the texture with the emission at pixel centres, which only previews
+   read. */
 static sbl_result sbl__picture_make_sample(sbl__picture *p) {
     sbl__map *m = &p->map;
     sbl__texture *const emission = &m->gbuffer.textures[SBL__GBUFFER_EMISSION];
@@ -20414,8 +20543,8 @@ static int sbl__picture_after_develop(void *work) {
     return SBL__PICTURE_FINISH;
 }
 
-/* If the host reads channels or the exposure is to be measured, makes a preview with the final R. Then it makes the
-   textures of the last stages; a preview that the host does not read becomes one of them. */
+/* If the host reads channels or the exposure is to be measured, makes a preview with the final R. Then makes the
+   textures of the last stages, and uses the preview as one of them if the host does not read it. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
@@ -20479,7 +20608,7 @@ static const sbl__front_end sbl__picture_front_end = {
 };
 
 /* ======================================================================================================== >>lightmap
-   The front end that bakes lightmaps: a radiance map of what an atlas shows, then for each layer of light the mean over
+   The front end that bakes lightmaps: a radiance map of an atlas, then for each layer of light the mean over
    supersampled texels, gutters and seams. */
 
 enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_SEAMS, SBL__LIGHTMAP_SEND,
@@ -20488,12 +20617,12 @@ enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, sew;            /* width of gutters, texels; 1: seams are sewn, if gutter is above 0 */
+    int gutter, sew;            /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
-    int is_window;              /* 1: the map is a window, so sbl_join_windows will make the light groups add up */
-    sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and sewn seams */
-    float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are sewn, 4 floats per texel */
+    int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
+    sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and even seams */
+    float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are finished, 4 floats per texel */
     sbl__map_image mean;        /* if supersample is above 1: per texel, mean R of its working pixels; no gutters */
 } sbl__lightmap;
 
@@ -20521,10 +20650,10 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* Adds what a lightmap has besides a map: the atlas in host and GPU memory, and the light of further layers; late, the
-   surfaces of texels, the filtered light of R and of the current layer, the unfiltered light of R, and what DEVELOP
-   needs; the gutters; for each layer, the result, with light groups also in host memory; the mean of supersampled
-   texels; and, early, further textures of sensors. */
+/* Adds the memory of a lightmap beyond that of a map: the atlas in host and GPU memory, and the light of further
+   layers; after refinement, the surfaces of texels, the filtered light of R and of the current layer, the unfiltered
+   light of R, and the memory for DEVELOP; the gutters; for each layer, the result, with light groups also in host
+   memory; the mean of supersampled texels; and, during refinement, further textures of sensors. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
@@ -20561,9 +20690,9 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     return result == SBL_SUCCESS ? sbl__atlas_begin(&l->atlas, &m->window, m->across) : result;
 }
 
-/* >>lightmap: what texels show */
+/* >>lightmap: surfaces that texels show */
 
-/* Returns the number of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
+/* Returns the index of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
 static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
     const int x = m->window.inset[0] + texel % m->size[0] * m->across + i % m->across;
     const int y = m->window.inset[1] + texel / m->size[0] * m->across + i / m->across;
@@ -20595,7 +20724,7 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
     return most;
 }
 
-/* Returns the number of rows of texels all of whose working pixels have been read. */
+/* Returns the number of rows of texels whose working pixels have all been read. */
 static int sbl__lightmap_rows_read(const sbl__map *m) {
     return SBL__MIN(SBL__MAX(m->work.stages.at - m->window.inset[1], 0) / m->across, m->size[1]);
 }
@@ -20614,7 +20743,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 /* >>lightmap: a layer of light */
 
 /* Computes the mean light of a texel's working pixels that show the same surface as the texel; 0 if it shows none.
-   data: 4 floats per working pixel, beginning with working pixel number `first` */
+   data: 4 floats per working pixel, from working pixel `first` on */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const size_t shown = sbl__map_shown(m, (size_t)texel);
     const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
@@ -20649,8 +20778,8 @@ static sbl_result sbl__lightmap_rows(const sbl__map *m, int at, int rows, float 
     return result;
 }
 
-/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. The light of supersampled texels in
-   layer 0 is also kept in l->mean. */
+/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. Also keeps the light of supersampled
+   texels in layer 0 in l->mean. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -20698,7 +20827,7 @@ static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
-/* Lets the host read the results. */
+/* Publishes the finished layers as output channels and frees their copies on the CPU. Returns the stage DONE. */
 static int sbl__lightmap_finish(sbl__lightmap *l) {
     sbl__map *m = &l->map;
     const int first = m->spec.groups ? SBL_CHANNEL_GROUP_0 : SBL_CHANNEL_SH_0;
@@ -20713,10 +20842,10 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
     return SBL__LIGHTMAP_DONE;
 }
 
-/* Makes the light groups of a texel or vertex add up to its R. In each channel, values below 0 become 0, and the rest
-   is multiplied by one factor; if none is above 0, group 0 gets R. Before that, groups differ from R by rounding, and
-   where interpolation, clamps or seams treat each layer separately. whole: R of the texel or vertex; parts: per group,
-   the floats of all of them; at: number of the first float of this one */
+/* Makes the light groups of a texel or vertex add up to its R. In each channel, sets values below 0 to 0, and
+   multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
+   from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
+   vertex; parts: per group, the floats of all texels or vertices; at: index of the first float of this one */
 static void sbl__layers_share(const float whole[3], float *const *parts, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
@@ -20767,7 +20896,8 @@ static int sbl__lightmap_after_group(void *work) {
     return ++l->map.layer <= l->map.spec.groups ? SBL__LIGHTMAP_GROUPS : sbl__lightmap_finish(l);
 }
 
-/* Goes back to DEVELOP for the next layer. After the last one, goes on with the light groups, if there are any. */
+/* Returns DEVELOP for the next layer. After the last layer, returns SHARES for the light groups, if any, or
+   finishes. */
 static int sbl__lightmap_after_send(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -20803,8 +20933,8 @@ static const sbl__front_end sbl__lightmap_front_end = {
 };
 
 /* ======================================================================================================== >>windows
-   The front end that joins the windows of a lightmap. The host has put them together; what is left is to make the
-   gutters and seams of the whole map, layer by layer. */
+   The front end that joins the windows of a lightmap. The host has put them together; this front end makes the gutters
+   and seams of the whole map, layer by layer. */
 
 enum { SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE, SBL__WINDOWS_SHARES,
        SBL__WINDOWS_DONE };
@@ -20815,7 +20945,7 @@ typedef struct sbl__joining {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_windows_desc desc;      /* with defaults */
     sbl__atlas atlas;           /* only its meshes are used; it is not drawn */
-    sbl__gutters gutters;       /* those of the current layer */
+    sbl__gutters gutters;       /* the gutters of the current layer */
     sbl__seams seams;
     int layer;                  /* index of the current layer; 0: R */
     double luminance, texels;   /* sum of the luminance of R; number of texels that show a surface */
@@ -20830,7 +20960,7 @@ static void sbl__joining_free(void *work) {
     memset(j, 0, sizeof *j);
 }
 
-/* No light is measured, so the measurement has a mode that needs no stored light. */
+/* This front end measures no light, so the measurement has a mode that needs no stored light. */
 static sbl_result sbl__joining_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_windows_desc d = sbl_windows_desc_defaults((const sbl_windows_desc *)desc);
     *measurement = sbl__measurement_of(&d.lightmap.options, SBL_SENSOR_HEMICUBE, 135);
@@ -20869,7 +20999,7 @@ static int sbl__joining_texels(const sbl__joining *j) {
     return SBL__MIN(rows, d->height - j->work.stages.at) * d->width;
 }
 
-/* Advances stages.at by the rows that were copied. SBL_SUCCESS: all are. */
+/* Advances stages.at by the copied rows. Returns SBL_SUCCESS when all rows are copied. */
 static sbl_result sbl__joining_advance(sbl__joining *j, int texels) {
     j->work.stages.at += texels / j->desc.lightmap.width;
     return j->work.stages.at < j->desc.lightmap.height ? SBL_UNFINISHED : SBL_SUCCESS;
@@ -20966,9 +21096,9 @@ static const sbl__front_end sbl__windows_front_end = {
 };
 
 /* ======================================================================================================== >>gather
-   The front end that measures the light at sites that the host gives, in one job after the other. */
+   The front end that measures the light at the host's sites, in one job after the other. */
 
-#define SBL__UNIT_SLACK 1e-6     /* normals are normalized if their squared length differs from 1 by more than this */
+#define SBL__UNIT_SLACK 1e-6     /* normals are normalised if their squared length differs from 1 by more than this */
 
 enum { SBL__GATHER_PREPARE, SBL__GATHER_SETUP, SBL__GATHER_SITES, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
@@ -21076,7 +21206,7 @@ static const sbl__front_end sbl__readings_front_end = {
    share position and normal. Hat functions h interpolate the unknowns over the triangles. Without desc.average,
    conjugate gradients solve the normal equations that minimise the sum of
 
-       weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
+       weight (sum of x h - R)^2           for each point; weight is the area that the point stands for
        smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
                                            the light on both sides of the edge, in units of light
 
@@ -21084,18 +21214,18 @@ static const sbl__front_end sbl__readings_front_end = {
    are relative to the mean triangle area of the mesh. */
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
-#define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this many times desc.samples points */
-#define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas, relative; smaller triangles get this area */
+#define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this * desc.samples points */
+#define SBL__VERTICES_MIN_AREA 1e-9f    /* lower limit of sbl__vertices.areas, relative */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
-#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger share of its hemisphere */
-#define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
-                                           a room that is modelled inside out, and these points are used after all */
+#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger fraction of its hemisphere */
+#define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this fraction of a mesh's points see mostly back faces, the mesh
+                                           is a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
 #define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
-                                           its area by more than this share of the area */
+                                           its area by more than this fraction of the area */
 #define SBL__VERTICES_SPRING 0.02f      /* weight, per area of rejected points, of the mean squared difference between
                                            the light at two corners of their triangle */
-#define SBL__VERTICES_PRECISION 1e-6    /* ratio of the residual's norm to its first value at which the solver stops */
+#define SBL__VERTICES_PRECISION 1e-6    /* the solver stops when the residual's norm falls to this * its first value */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
@@ -21105,28 +21235,28 @@ enum {
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
     SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
     SBL__VERTICES_WRITE,
-    SBL__VERTICES_NEXT,  /* goes back to SOLVE for each light group */
+    SBL__VERTICES_NEXT,  /* returns to SOLVE for each light group */
     SBL__VERTICES_SHARES, SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. Numbers of vertices and triangles are consecutive over all parts, unless a comment says "number
+/* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
    in the scene". */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
-    int vertex_shift, triangle_shift;  /* number in the scene minus number here */
+    int vertex_shift, triangle_shift;  /* index in the scene minus index here */
     int vertex_count, triangle_count;
     int first_hinge, hinge_count;
     double area;
-    double points, back_points;  /* number of valid points; how many of them see mostly back faces */
+    double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights: for
+/* An edge that two triangles share. sides: index of the edge as a side of each triangle, see >>topology. weights: for
    the two corners opposite the edge, then for the two ends of the first side, see sbl__hinge_make. The sum of weight *
    light over these four is the bend, which is 0 for linear light. Stage BEND multiplies the weights by a factor */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. number: its
-   number among the points on the mesh */
+/* A point, given by its triangle and its index among the points on that triangle, see sbl__vertices_point. number: its
+   index among the points on the mesh */
 typedef struct sbl__vertices_cursor { int triangle, point; uint32_t number; } sbl__vertices_cursor;
 
 typedef struct sbl__vertices {
@@ -21139,27 +21269,27 @@ typedef struct sbl__vertices {
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_cursor next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
-    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the number of the first vertex that it is
-                                   welded to, or else its own; SBL__NONE if no triangle uses the vertex */
+    uint32_t *unknowns;         /* per vertex: index of its unknown, which is the index of the first vertex that it is
+                                   welded to, or its own; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table positions, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three vertices; after stage SIDES, their unknowns */
     float *areas;               /* per triangle: area; after stage SIDES, relative to the mean triangle of its mesh */
     float *sums;                /* per triangle: entries 00 01 02 11 12 22 of its symmetric matrix; the sum of its
                                    points' weights; rgb of the right-hand side for each corner */
-    float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if there
-                                   are no such points */
-    int groups, layer;          /* number of light groups that are asked for; layer that is being solved, 0: R */
+    float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if no point
+                                   does */
+    int groups, layer;          /* number of requested light groups; layer that is being solved, 0: R */
     float *found_layers;        /* the layers of the readings */
     float *layer_sums;          /* per triangle: rgb of the right-hand side for each corner, for each light group; then
                                    the same over the points that see mostly back faces; NULL without light groups */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
-    sbl__solver solver;         /* with desc.average nothing is solved: diagonal holds sums of weights, and residual
+    sbl__solver solver;         /* with desc.average, nothing is solved: diagonal holds sums of weights, and residual
                                    sums of weighted light */
     int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
                                    that have light, each counted once per triangle */
-    int ring, reached;          /* number of rings of unknowns that have got their light from neighbours;
-                                   number of unknowns in the current ring */
+    int ring, reached;          /* number of rings of unknowns that have got their light from neighbours; number of
+                                   unknowns in the current ring */
 } sbl__vertices;
 
 static void sbl__vertices_free(void *work) {
@@ -21225,14 +21355,14 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Converts the number of a vertex, which counts through all parts, to its number in the scene. s->part must be the part
-   that contains the vertex. */
+/* Converts the index of a vertex over all parts to its index in the scene. s->part must be the part that contains the
+   vertex. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     return vertex + (uint32_t)s->parts[s->part].vertex_shift;
 }
 
 /* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
-   begins at the part that was found last, because most callers ask for ascending numbers. */
+   begins at the part found last, because most callers ask for ascending indices. */
 static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
     const sbl__vertices_part *p = s->parts;
     int i = s->part;
@@ -21242,7 +21372,7 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
     return &s->parts[i];
 }
 
-/* Computes a triangle's area, stores the numbers of its vertices, and adds its normal to those of its vertices. */
+/* Computes a triangle's area, stores the indices of its vertices, and adds its normal to those of its vertices. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -21269,8 +21399,8 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
            sbl__same_position(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
-/* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalized sum
-   if the vertex has none, and welds the vertex. A vertex without triangles, or without either normal, is not welded. */
+/* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalised sum
+   if the vertex has none, and welds the vertex. Does not weld vertices without triangles, or without either normal. */
 static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -21295,9 +21425,10 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
     for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
-/* Computes a hinge's weights, so that the weighted sum of light is the change of slope across the edge, with both
-   triangles unfolded into one plane, * a b / (a + b), where a and b are their heights above the edge. Weights whose
-   squares sum to more than 1 are scaled so that these sum to 1. If the edge or both heights are 0, all are 0. */
+/* Computes a hinge's weights: the weighted sum of light is the change of slope across the edge, with both triangles
+   unfolded into one plane, * a b / (a + b), where a and b are their heights above the edge. If the squares of the
+   weights sum to more than 1, scales the weights so that they sum to 1. If the edge or both heights are 0, all weights
+   are 0. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
@@ -21369,8 +21500,8 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
 
 /* >>vertices: points */
 
-/* Computes the barycentric weights of point number k: the centre of a sub-triangle that the base 4 digits of k select
-   by repeated subdivision into four. Points never lie on an edge (Basu and Owen 2015, "Low Discrepancy Constructions in
+/* Computes the barycentric weights of point k: the centre of a sub-triangle that the base 4 digits of k select by
+   repeated subdivision into four. Points never lie on an edge (Basu and Owen 2015, "Low Discrepancy Constructions in
    the Triangle"). */
 static void sbl__vertices_point(int k, double weights[3]) {
     double scale = 1;
@@ -21384,7 +21515,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *cursor to the following point, except cursor->number, which remains that of the point. */
+   advances *cursor to the next point, except cursor->number, which remains that of the point. */
 static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
     sbl__vertices_point(cursor->point, weights);
@@ -21396,9 +21527,9 @@ static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, do
     return triangle;
 }
 
-#define SBL__VERTICES_APART 0x9e3779b9u  /* difference between the site numbers of the first points on two meshes that
-                                            follow each other: 2^32 divided by the golden ratio, which keeps the numbers
-                                            of many meshes apart */
+#define SBL__VERTICES_APART 0x9e3779b9u  /* difference between the site numbers of the first points on two consecutive
+                                            meshes: 2^32 divided by the golden ratio, which keeps the numbers of many
+                                            meshes apart */
 
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
@@ -21412,13 +21543,13 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
-/* Returns the right-hand sides of a triangle for all light groups: 9 floats each. back: 1: of points that see mostly
-   back faces */
+/* Returns the right-hand sides of a triangle for all light groups: 9 floats each. back: 1: those of points that see
+   mostly back faces */
 static float *sbl__vertices_layers(const sbl__vertices *s, int triangle, int back) {
     return s->groups ? s->layer_sums + 9 * (size_t)s->groups * (2 * (size_t)triangle + (size_t)back) : NULL;
 }
 
-/* Adds a reading, unless it is invalid, to its triangle's sums or, if it is mostly of back faces, to its back_sums. */
+/* Adds a valid reading to its triangle's sums or, if it sees mostly back faces, to its back_sums. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->work.readings[site];
@@ -21453,7 +21584,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
 
 /* >>vertices: the solution */
 
-/* The sums of a triangle hold a symmetric 3 x 3 matrix. Its entry (a, b) is sum number sbl__mass_at[a][b]. */
+/* The sums of a triangle contain a symmetric 3 x 3 matrix. Its entry (a, b) is sum sbl__mass_at[a][b]. */
 static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
 
 static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight) {
@@ -21461,9 +21592,9 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
     for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
 }
 
-/* Adds a triangle's sums (back_sums, too, if the mesh is inside out) to the diagonal and the right-hand side, and marks
-   its corners as lit; does nothing if no point is left. If some points were rejected, also adds springs between the
-   corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
+/* Adds a triangle's sums (and its back_sums, if the mesh is inside out) to the diagonal and the right-hand side, and
+   marks its corners as lit. Does nothing if no point is left. If some points were rejected, also adds springs between
+   the corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
@@ -21489,7 +21620,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
 }
 
 /* Multiplies the weights of a hinge by the square root of desc.smoothing * area, and adds their squares to the diagonal
-   of the normal equations. area: the lesser area of the two triangles, without the shares of rejected points */
+   of the normal equations. area: the smaller area of the two triangles, without the area of rejected points */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -21507,8 +21638,8 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle
-   of the part that is being solved, then one for each of its hinges. */
+/* Adds one term of the normal equations' matrix, times `direction`, to `product`. The terms are the triangles of the
+   part that is being solved, then its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const sbl__vertices_part *part = &s->parts[s->solved];
@@ -21543,8 +21674,8 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* To each corner of a triangle that has no light, adds the light of those corners that have light, and their number to
-   the corner's entry in s->neighbours. */
+/* For each corner of a triangle that has no light: adds the light of the corners that have light, and adds their number
+   to the corner's entry in s->neighbours. */
 static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
@@ -21560,7 +21691,7 @@ static sbl_result sbl__vertices_spread(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* If neighbours have added light to an unknown, divides their sum by their number and marks the unknown as lit. */
+/* If neighbours have added light to an unknown, divides the sum by their number and marks the unknown as lit. */
 static sbl_result sbl__vertices_mean(void *work, int unknown) {
     sbl__vertices *s = (sbl__vertices *)work;
     double *light = s->solver.solution + 3 * (size_t)unknown;
@@ -21591,7 +21722,7 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
     return SBL_SUCCESS;
 }
 
-/* >>vertices: light groups, each solved with the equations of R and a right-hand side of its own */
+/* >>vertices: light groups, each solved with the equations of R and its own right-hand side */
 
 static int sbl__vertices_after_write(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
@@ -21697,7 +21828,7 @@ static int sbl__vertices_averages(void *work) {
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 
-/* Frees everything but the sbl__work, which is all that is needed after the bake. Returns the stage DONE. */
+/* Frees everything except the sbl__work, which is still needed after the bake. Returns the stage DONE. */
 static int sbl__vertices_after_shares(void *work) {
     sbl__work w;
     sbl__work_free_task((sbl__work *)work);
@@ -21750,63 +21881,64 @@ static const sbl__front_end sbl__vertices_front_end = {
    normals that lie on rings all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If sensors
    trace rays, HEMISPHERES measure only the light from lamps, and RAYS the light from surfaces and sky, and distances.
    If sensors rasterise views, HEMISPHERES measure all light, and RAYS only distances. A round measures all sites of a
-   batch. Probes that are inside something are moved, if desc.move allows it, and measured in another round. */
+   batch. Probes that are inside geometry are moved, if desc.move allows it, and measured in another round. */
 
-/* RINGS: number of rings of normals; AROUND: number of normals on a ring; VIEW: if sensors rasterise views, otherwise
-   if they trace rays. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the
-   norm of the light's first four coefficients. */
+/* RINGS: number of rings of normals; AROUND: number of normals on a ring; VIEW: for sensors that rasterise views, the
+   others for sensors that trace rays. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4
+   % (views) of the norm of the light's first four coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube; a normal on a ring has one, because
-                                      the harmonics average many normals */
-#define SBL__PROBE_LAMP_SHARE 64   /* options.rays divided by the number of rays that a look of HEMISPHERES sends to
-                                      lamps */
+#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube. A normal on a ring has one look,
+                                      because the harmonics average many normals */
+#define SBL__PROBE_LAMP_SHARE 64   /* a look of HEMISPHERES sends options.rays / this rays to lamps */
 #define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of HEMISPHERES sends to lamps: twice the number
                                       that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
 #define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */
-#define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
-#define SBL__PROBE_BEYOND 0.125    /* largest distance that a probe moves beyond a back face / desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* if desc.move limits the distance beyond a back face to less than this share of
-                                      desc.move, the probe does not move through that face */
+#define SBL__PROBE_INSIDE 0.25     /* a probe is inside geometry if more than this fraction of its rays hit back
+                                      faces */
+#define SBL__PROBE_BEYOND 0.125    /* a probe moves beyond a back face by at most this * desc.move */
+#define SBL__PROBE_BARELY 0.015625 /* a probe does not move through a back face if desc.move limits the distance beyond
+                                      the face to less than this * desc.move */
 
 enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
 enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
        SBL__PROBES_DONE };
 
-/* Weighted sums that become the fields of sbl_probe with the same name. */
+/* weighted sums that become the fields of sbl_probe with the same name */
 typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
 
-/* A probe of the batch, and sums over the readings of its sites in the current round. */
+/* A probe of the batch, and sums over the readings of its sites in the current round */
 typedef struct sbl__probe_sum {
-    int number, invalid;           /* index of the probe in desc.probes; 1 if any reading of the round is not valid */
-    float position[3];             /* world position in this round */
+    int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
+    float position[3];             /* position in this round, in world space */
     sbl__probe_light light[SBL__LAYERS_MOST];  /* by layer of light: of all light, then of each light group */
-    double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
+    double hits, back;             /* number of rays that hit a surface; number of those that hit a back face */
     double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
-                                      position that the host wants. Distance 0: there is none, or the probe has moved
-                                      through it already */
+                                      position that the host requests. Distance 0: none, or the probe has moved through
+                                      it already */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
     sbl__work work;                /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
+    int lamps_apart;               /* 1: sensors trace rays, so that HEMISPHERES measure only the light from lamps */
     int rings, around;             /* number of rings of normals, each of one |z|; number of normals on a ring */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* |z| of each ring, 0 to 1; weights, with sum 1 */
-    int groups;                    /* number of light groups that are asked for */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* absolute z of each ring, 0 to 1; weights, with sum
+                                                                      1 */
+    int groups;                    /* number of requested light groups */
     float *layers;                 /* the layers of the readings; NULL without light groups */
-    uint32_t *sequence;            /* sbl__sequence_at makes the directions of a probe's rays from it */
-    sbl__probe_sum *sums;          /* one entry for each probe of the batch that is measured in this round */
+    uint32_t *sequence;            /* sbl__sequence_at derives the directions of a probe's rays from it */
+    sbl__probe_sum *sums;          /* one element for each probe of the batch that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
-    int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS;
-                                      index of the job's first site among all sites of that kind in this round */
+    int count, round;              /* number of elements in sums; index of the round */
+    int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS; index
+                                      of the job's first site among all sites of that kind in this round */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -21860,15 +21992,15 @@ static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_
 
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
-/* Returns the number of sites of one kind that a probe has. */
+/* Returns the number of sites of one kind per probe. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
 
-/* Computes normal number i. As a function of the normal, the even part of R has a kink where the normal is
-   perpendicular to the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings fill
-   only the half z > 0, within which a light at a pole causes no kink; every other normal is replaced by its antipode,
-   which doubles the number of axes; and every other ring is rotated by half a step. */
+/* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
+   the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings fill only the half z >
+   0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
+   number of axes; and every other ring is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
@@ -21877,8 +22009,8 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     out[2] = sign * z;
 }
 
-/* Computes the direction of a probe's site number i, of kind g->kind: the direction of a ray, or a normal. The normals
-   of the cube's sides come last. number: index of the probe in desc.probes */
+/* Computes the direction of a probe's site i of kind g->kind: the direction of a ray, or a normal. The normals of the
+   cube's sides come last. number: index of the probe in desc.probes */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
@@ -21896,7 +22028,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
     }
 }
 
-/* Gets the position at which the host wants a probe. i: index of the probe in desc.probes */
+/* Gets the position that the host requests for a probe. i: index of the probe in desc.probes */
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     int k, point = d->first_probe + i;
     for (k = 0; k < 3; k++) {
@@ -21965,7 +22097,7 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     return sbl__work_make_task(&g->work, (double)most * batch, 1);
 }
 
-/* Begins a job with the sites of kind g->kind from g->from on. */
+/* Begins a job with the sites of kind g->kind, from g->from on. */
 static int sbl__probes_next_job(sbl__probes *g) {
     g->work.task.spec = g->specs[g->kind];
     g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
@@ -21979,7 +22111,7 @@ static int sbl__probes_round(sbl__probes *g) {
     return sbl__probes_next_job(g);
 }
 
-/* Begins a batch with the probes from g->first on, or ends the work if there are none. */
+/* Begins a batch with the probes from g->first on, or ends the work if none is left. */
 static int sbl__probes_batch(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
@@ -22009,13 +22141,13 @@ static sbl_result sbl__probes_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns layer `layer` of reading number `at` of the current job. */
+/* Returns a layer of reading `at` of the current job. */
 static const float *sbl__probe_found(const sbl__probes *g, int at, int layer) {
     return layer ? g->layers + 3 * ((size_t)g->groups * (size_t)at + (size_t)layer - 1) : g->work.readings[at].radiance;
 }
 
-/* Adds a layer of the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance
-   is also added to the sides of the cube. site: number of the site among the sites of its probe. d: its direction */
+/* Adds a layer of the reading of a site to the harmonics: the radiance along a ray, or R at a normal. Also adds a ray's
+   radiance to the sides of the cube. site: index of the site among the sites of its probe. d: its direction */
 static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site, const double d[3],
                            const float radiance[3]) {
     /* the factors A_i of the formula for R in the comment of sbl_probe */
@@ -22036,7 +22168,8 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site
     }
 }
 
-/* If a ray hit a surface, counts it and adds its distance. exits: 1: also notes the nearest back face of each octant */
+/* If a ray hit a surface, counts it and adds its distance. exits: 1: also records the nearest back face of each
+   octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
@@ -22079,8 +22212,8 @@ static sbl_result sbl__probes_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the probe that the host gets, with a layer of its light. If a sum is not finite, the probe is invalid and all
-   else but position is 0. */
+/* Makes the probe for the host, with a layer of its light. If a sum is not finite, the probe is invalid and all fields
+   but position are 0. */
 static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
@@ -22100,8 +22233,8 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int
     memcpy(out->position, sum->position, sizeof out->position);
 }
 
-/* Moves a probe through the back face nearest to the position that the host wants, among those not tried yet. Returns 0
-   if none is within reach of desc.move. */
+/* Moves a probe through the back face nearest to the requested position, among those not tried yet. Returns 0 if none
+   is within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
@@ -22118,7 +22251,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
 }
 
 /* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move
-   or, if there are none, the next batch. A probe that is invalid in every round keeps the result of the first round. */
+   or, if none can, the next batch. A probe that is invalid in every round keeps the result of the first round. */
 static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
     int i, k, left = 0;
@@ -22181,11 +22314,11 @@ static const sbl__front_end sbl__probes_front_end = {
    Measures one sensor of a finished picture again, as a job of one site. Views are read back when the job has drawn
    them; rays are traced once more, with one invocation per ray. */
 
-#define SBL__INSPECT_ACROSS 64  /* width in texels of the target that the program for rays towards lamps draws into */
+#define SBL__INSPECT_ACROSS 64  /* width of the target of the program for rays towards lamps, in texels */
 
 /* Data that outlive an inspection. The host may read the arrays until the next one, or until the map is freed. */
 typedef struct sbl__inspection {
-    sbl__job job;               /* kept, because the next inspection uses its textures again */
+    sbl__job job;               /* kept, because the next inspection reuses its textures */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
 } sbl__inspection;
@@ -22194,8 +22327,8 @@ typedef struct sbl__inspect_request {
     sbl__core *core;
     sbl__map *map;              /* the finished picture or lightmap */
     sbl__inspection *found;
-    int pixel;                  /* number of the working pixel */
-    float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
+    int pixel;                  /* index of the working pixel */
+    float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not requested */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
     sbl_reading reading;        /* of the first look alone */
@@ -22215,7 +22348,7 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Returns the slot of the look, the same as when the picture was made. */
+/* Returns the slot of the look, the same as in the picture's job. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
@@ -22253,9 +22386,9 @@ static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl_
     return SBL_SUCCESS;
 }
 
-/* Runs the program for rays over the hemisphere or, if lamps is 1, the program for rays towards lamps, for the look of
-   the request, with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the
-   second output; the caller frees *out, also after an error */
+/* Runs the program for rays over the hemisphere or, if lamps is 1, for rays towards lamps, for the look of the request,
+   with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the second output;
+   the caller frees *out, also after an error */
 static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -22281,7 +22414,7 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Traces the rays over the hemisphere again and reads each. The sheet is one row with a texel per ray. */
+/* Traces the rays over the hemisphere again and reads each. The sheet is one row with one texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
@@ -22314,7 +22447,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
 
 /* >>inspect: views */
 
-/* Reads the look's views, which together are the sheet, from the view texture, and computes the weights of texels. */
+/* Reads the look's views, which together form the sheet, from the view texture, and computes the weights of texels. */
 static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
@@ -22370,8 +22503,8 @@ static void sbl__inspect_views(sbl__inspect_request *k) {
 
 /* >>inspect: rays towards lamps */
 
-/* Adds the outputs out_light and out_way of an invocation of lamps.glsl to the result. is_ray: 1 if the invocation
-   traced a ray; 0 if it describes one of the lamps or clusters that the look chose */
+/* Adds the outputs out_light and out_way of an invocation of lamps.glsl to the result. is_ray: 1: the invocation traced
+   a ray; 0: it describes one of the lamps or clusters that the look chose */
 static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
@@ -22387,7 +22520,7 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads the sum of light from lamps, measured by the job, then traces its rays towards lamps again to read each. */
+/* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again to read each. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -22405,7 +22538,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        /* The outputs of the lamps follow those of the rays, but the lamps are taken first. */
+        /* the outputs of the lamps follow those of the rays, but are taken first */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
@@ -22448,7 +22581,7 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
     return sbl__check_end(&check);
 }
 
-/* Fills in those fields of k->out that are not set yet. */
+/* Fills in the remaining fields of k->out. */
 static void sbl__inspect_tell(sbl__inspect_request *k) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
@@ -22477,8 +22610,8 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     out->lamps = k->found->lamps;
 }
 
-/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. For
-   a pixel without a sensor, takes the look that a sensor would take first. */
+/* Repeats the first look of the pixel's sensor, in the slot of this look, so that all rounding is the same. For a pixel
+   without a sensor, makes the look that a sensor would take first. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__inspection *f = k->found;
@@ -22497,7 +22630,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.sites = &k->site;
     task.readings = &k->reading;
     task.layers = k->layers;
-    task.spec.groups = 0;  /* inspections tell nothing about light groups */
+    task.spec.groups = 0;  /* inspections do not report light groups */
     task.site_count = 1;
     task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
     sbl__refine_look_site(r, k->pixel, 0, 1, &k->site);
@@ -22517,10 +22650,10 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
 }
 
 /* ======================================================================================================== >>trial
-   Tests the driver when a context is created. Some drivers accept every call but draw nothing, or something wrong. The
+   Tests the driver when a context is created. Some drivers accept every call but draw nothing, or draw wrongly. The
    scene of the test is one triangle: a camera's G-buffer must show it, and a sensor's rays must hit it. */
 
-#define SBL__TRIAL_SIZE 8   /* width and height of the G-buffer, pixels */
+#define SBL__TRIAL_SIZE 8   /* width and height of the G-buffer in pixels */
 #define SBL__TRIAL_RAYS 16
 
 /* Makes a scene of one white, two-sided triangle in the plane z = 0, around the origin. */
@@ -22541,8 +22674,8 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel near the centre shows the
-   triangle at the right position, and a corner pixel that the triangle does not cover shows nothing */
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel near the centre shows the
+   triangle at the right position, and a corner pixel outside the triangle shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
@@ -22574,8 +22707,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces the rays of a sensor at unit distance from the triangle. *met: 1 if more than half of the rays hit it, the
-   nearest hit is at about that distance, and R is the share of hits times 0.5, the triangle's radiance by ambient
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1: more than half of the rays hit it, the
+   nearest hit is at about that distance, and R is the fraction of hits times 0.5, the triangle's radiance by ambient
    light */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
@@ -22643,8 +22776,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* A GL context of EGL and the surfaces that are used with it; these fields are 0 if there is no context. api: in a
-   saved state of the host, the API that the host has bound; 0 if nothing was saved, and in sbl_context.egl */
+/* A GL context of EGL and the surfaces that are used with it; all 0: no context. api: in a saved state of the host, the
+   API that the host has bound; 0 if nothing was saved, and in sbl_context.egl */
 typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
@@ -22661,7 +22794,7 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Returns the error of an EGL function that has failed; EGL_NOT_INITIALIZED if the driver has set none. */
+/* Returns the error of a failed EGL function, or EGL_NOT_INITIALIZED if the driver has set no error. */
 static EGLint sbl__egl_error(void) {
     const EGLint error = eglGetError();
     return error == EGL_SUCCESS ? EGL_NOT_INITIALIZED : error;
@@ -22676,8 +22809,8 @@ static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
     return SBL_ERROR_STATE;
 }
 
-/* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
-   surface. *taken: becomes 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
+/* Tries to create a context on a display and to make it current. pbuffer: 1: its surface is a pbuffer; 0: it has no
+   surface. *taken: set to 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
 static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 3,
                                     EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
@@ -22689,7 +22822,7 @@ static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *ta
         return sbl__egl_error();
     config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
     if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return sbl__egl_error();
-    /* 4.3 has compute shaders; 3.3 suffices. Mesa gives the highest version that it has, NVIDIA the one asked for. */
+    /* 4.3 has compute shaders; 3.3 suffices. Mesa returns its highest version, NVIDIA the requested one. */
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     context_attributes[1] = 3;
     if (e->context == EGL_NO_CONTEXT)
@@ -22741,8 +22874,8 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b,
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Makes the library's own context current, if there is one and it is not current already. *b: receives the host's EGL
-   state if it changes, otherwise zeroes. Returns 0 if the context cannot be made current. */
+/* Makes the library's own context current, if it exists and is not current yet. *b: receives the host's EGL state if it
+   changes, otherwise zeroes. Returns 0 if the context cannot be made current. */
 static int sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
     memset(b, 0, sizeof *b);
     if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return 1;
@@ -22762,8 +22895,8 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
 }
 
-/* Returns 1 if the library's own context can be made current or there is none, 0 if a context of another interface is
-   current. If a context of EGL is current, the result is 1. */
+/* Returns 1 if the library's own context can be made current or does not exist, and 0 if a context of another interface
+   is current. If a context of EGL is current, returns 1. */
 static int sbl__egl_ready(const sbl__egl *e) {
     sbl__egl before;
     int ready;
@@ -22810,10 +22943,10 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, which decides what callbacks may call. NOTHING: no call is in progress; everything is
-   allowed. PROGRESS: the progress callback runs; sbl_progress, the query functions and the reading of channels are
-   allowed. WORK: any other part of a call; only sbl_progress and the query functions are allowed. REFUSAL: a refused
-   call is being logged; as WORK, but calls of the logger that are refused are not logged. */
+/* The current activity of the context, which decides what callbacks may call. NOTHING: no call is in progress;
+   everything is allowed. PROGRESS: the progress callback runs; sbl_progress, the query functions and the reading of
+   channels are allowed. WORK: any other part of a call; only sbl_progress and the query functions are allowed. REFUSAL:
+   a refused call is being logged; like WORK, but refused calls of the logger are not logged. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
@@ -22823,14 +22956,14 @@ struct sbl_context {
 #define SBL__X(verb, noun, type) type noun;
     SBL__FRONT_ENDS(SBL__X)
 #undef SBL__X
-    sbl__work *work;           /* the work that was begun last, finished or not; NULL if there is none */
-    sbl__map *map;             /* the picture or lightmap, finished or not; NULL if there is none */
+    sbl__work *work;           /* the work that was begun last, finished or not; NULL: none */
+    sbl__map *map;             /* the picture or lightmap, finished or not; NULL: none */
     sbl__inspection inspection;
     sbl__inside inside;
     sbl__egl egl;
 };
 
-/* What sbl__visit_enter saves for sbl__visit_leave. */
+/* state that sbl__visit_enter saves for sbl__visit_leave */
 typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Marks the context as working, so that calls from callbacks are refused. Makes its own GL context current, if it has
@@ -22857,7 +22990,7 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
 }
 
 /* Returns SBL_SUCCESS if c is not NULL, c->inside is at most `most`, the context's own GL context, if any, can be made
-   current and, if scene is 1, there is a scene. Otherwise returns an error and, unless c is NULL, logs it. */
+   current and, if scene is 1, a scene is set. Otherwise returns an error and, unless c is NULL, logs it. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -22897,7 +23030,7 @@ static void sbl__drop_all(sbl_context *c) {
     sbl__bounce_end(&c->core);
 }
 
-/* Drops the work begun last, unless it is a finished picture or lightmap. Frees the job. A half-filled store stays. */
+/* Drops the work begun last, unless it is a finished picture or lightmap. Frees the job. Keeps a half-filled store. */
 static void sbl__abandon(sbl_context *c) {
     if (c->work && !(sbl__is_shown(c, c->work) && sbl__work_is_done(c->work))) sbl__drop(c, c->work);
     sbl__job_free(&c->core.device, &c->core.job);
@@ -22905,7 +23038,7 @@ static void sbl__abandon(sbl_context *c) {
 
 /* >>public: contexts */
 
-/* Frees a context, which sbl_create may have failed to complete. */
+/* Frees a context, even one that sbl_create has not completed. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
     sbl__base base;
@@ -23115,7 +23248,8 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 
 /* >>public: begin, step, end */
 
-/* Checks desc, drops work under way and, if f->is_map, a finished map, and begins `work`, a front end's struct in c. */
+/* Checks desc, drops unfinished work and, if f->is_map, a finished map, and begins `work`, a front end's struct in
+   c. */
 static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f, const void *desc) {
     const double start = sbl__now();
     sbl__measurement measurement;
@@ -23172,7 +23306,7 @@ SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
     sbl__saved_scene(&c->core.scene, parts);
     hash = sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
     g = &c->core.scene.geometry;
-    for (i = 0; i < g->mesh_count; i++) {  /* without textures of normals, the hash is that of older versions */
+    for (i = 0; i < g->mesh_count; i++) {  /* without normal maps, the hash is that of older versions */
         const sbl__object *o = &g->objects[i];
         if (!o->normal_texture[3]) continue;
         hash = sbl__hash_bytes(hash, &i, sizeof i);
@@ -23182,7 +23316,8 @@ SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
     return hash;
 }
 
-/* Does one piece of work and, if it succeeds, calls the progress callback. SBL_CANCELLED: the callback cancels. */
+/* Does one piece of work and, on success, calls the progress callback. Returns SBL_CANCELLED if the callback
+   cancels. */
 static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     sbl__core *core = &c->core;
     sbl__work *w = c->work;
@@ -23203,7 +23338,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     return result;
 }
 
-#define SBL__SLICE_REST 0.2  /* sbl_step begins no further piece when less than this share of the time is left */
+#define SBL__SLICE_REST 0.2  /* sbl_step begins no further piece when less than this fraction of the time is left */
 
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;
@@ -23248,8 +23383,8 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* If the channel shows light and the map is not finished, calls sbl__map_watch, which may make a preview. SBL_SUCCESS:
-   the channel can be read; SBL_UNFINISHED: it is too early; SBL_ERROR_STATE: there is no map. */
+/* If the channel shows light and the map is not finished, calls sbl__map_watch, which may make a preview. Returns
+   SBL_SUCCESS if the channel can be read, SBL_UNFINISHED if it is too early, SBL_ERROR_STATE if no map exists. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function, sbl_channel channel) {
     sbl__visit visit;
     sbl_result result;
@@ -23362,7 +23497,7 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     m[5] = high;
     m[10] = -1;
     m[11] = -1;
-    m[14] = -0.2f;  /* the near plane is at 0.1, and there is no far plane; sbl.h itself ignores both */
+    m[14] = -0.2f;  /* the near plane is at 0.1, the far plane at infinity; sbl.h itself ignores both */
     return 1;
 }
 
@@ -23378,7 +23513,7 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
 
 /* >>public: queries */
 
-/* Functions that return a struct of the context, or all zeroes without a context. */
+/* functions that return a struct of the context, or all zeroes without a context */
 #define SBL__QUERIES(X) \
     X(sbl_context_desc, sbl_query_desc, c->core.desc) \
     X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \

@@ -1,5 +1,6 @@
-// Returns how far two surface points with the same id belong to one smooth surface, 0 to 1, by their normals n and
-// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal ids.
+// Returns how well two surface points with the same id belong to one smooth surface, 0 to 1, from their normals n
+// and m and from the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal
+// ids.
 float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {
     float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);
     vec3 d = q - p;

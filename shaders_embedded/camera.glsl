@@ -1,4 +1,5 @@
-// Rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's position.
+// Returns rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's
+// position.
 uniform vec3 origin_0, origin_x, origin_y;
 uniform vec3 direction_0, direction_x, direction_y;
 

@@ -1,33 +1,33 @@
-// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h), or each ray of cast.glsl, has a slot
+// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h) or each ray of cast.glsl has a slot
 // of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
 // fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have
-// consecutive numbers.
-uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace
+// consecutive indices.
+uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace
                                  // neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs
-uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
+uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on
 
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
 const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken
 
-// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some
-// software renderers limit the loop turns of an invocation (llvmpipe to 65,535). Beyond the limit, every loop
-// ends with its first turn, without an error. The loop below has two turns, so that it shows this by ending
-// after one. As `count` is a uniform, no compiler unrolls the loop.
+// Returns true if the driver has ended a loop of this invocation early, which makes the invocation's results
+// wrong. Some software renderers limit the loop iterations of an invocation (llvmpipe to 65,535). Beyond the
+// limit, every loop silently ends after its first iteration. The loop below has two iterations, and detects the
+// limit by ending after one. As `count` is a uniform, no compiler unrolls the loop.
 bool sbl_cut_short() {
     int turns = 0, all = min(count, 1) + 1;
     for (int i = 0; i < all; i++) turns++;
     return turns < all;
 }
 
-// Converts 32-bit fractions to a point between 0 and 1.
+// Converts 32-bit fractions to a point in the unit square.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
-// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the
-// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine
-// between w and the normal n, radiance does not. reciprocal: 1 / cosine
+// Returns the factors that convert light from the unit direction w from its part of R to its part of the first
+// four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R includes the cosine between w and
+// the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
-    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its part along n is 1
+    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
     return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
 }
 
@@ -50,8 +50,8 @@ ivec2 sbl_texel_of_invocation() {
 ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }
 #endif
 
-// SBL_OUT_HARMONICS declares three outputs, for the harmonics of red, green and blue light; a, b, c: the numbers
-// that SBL_OUT gives them. sbl_write_harmonics writes them. Without SBL_DIRECTIONAL both do nothing.
+// SBL_OUT_HARMONICS declares three outputs, for the harmonics of red, green and blue light; a, b, c: their indices
+// for SBL_OUT. sbl_write_harmonics writes them. Without SBL_DIRECTIONAL, both do nothing.
 #ifdef SBL_DIRECTIONAL
 #define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);
 #define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])

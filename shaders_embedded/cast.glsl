@@ -1,24 +1,23 @@
-// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
-// random direction with cosine distribution; -limit is its maximum length.
-// out_position: xyz: position of the hit, far away if none; w: 1 + triangle's number % SBL_CAST_NUMBERS,
-// negative for its back side; 0 if nothing was hit or the driver ended a loop early
+// Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal
+// `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:
+// position of the hit, far away if the ray hits nothing; w: 1 + triangle index % SBL_CAST_NUMBERS, negative for
+// the back of the triangle; 0 if the ray hits nothing or the driver ended a loop early
 SBL_OUT(0, out_position);
-// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
+// rgb: albedo for bounced light; a: triangle index / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
 SBL_OUT(1, out_albedo);
 #ifdef SBL_BOUNCED  // the scene has metal
-// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal
+// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal
 SBL_OUT(2, out_shine);
 #ifdef SBL_GROUPS
 // rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer
-// of the other part, which a lamp sends
+// of the other part, which comes from a lamp
 SBL_OUT(3, out_parts);
 #endif
 vec4 parts;
 uniform int sky_layer;
 
-// Follows a ray that has met metal by one segment, as sensors do. hit: becomes the hit of that segment; origin,
-// direction: become those of that segment. share: becomes the share of the light there that the ray carries.
-// Returns the light of lamps and of the sky.
+// Continues a ray that has hit metal by one segment, as sensors do. hit, origin, direction: become those of this
+// segment. share: throughput, updated. Returns the light of lamps and of the sky.
 vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,
                uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
@@ -64,7 +63,7 @@ void main() {
     }
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);
-        // A ray that hits nothing has found its sky: out_position is not far away, so that none is added.
+        // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
         position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
     }
     sbl_write(out_shine, shine);

@@ -1,10 +1,10 @@
-// The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,
+// Smooths R with the Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is 1,
 // weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that
-// differ by more than their noise always reduce weights. Light groups have the weights of R, so that they add up
-// to R.
-uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
-uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, which are smoothed instead of R
-uniform bool is_group;       // true: it is a light group
+// differ by more than their noise always reduce weights. Light groups get the weights of R, so that they add up to
+// R.
+uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface
+uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R
+uniform bool is_group;       // true: `layer` is a light group
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
@@ -12,13 +12,15 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-uniform float layer_noise;   // noise of harmonics / R in pixels where R has no noise, see sbl__spec_layer_noise
+uniform float layer_noise;   // standard error of a harmonic as a fraction of R where R has no noise, see
+                             // sbl__spec_layer_noise
 const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately
 
 // Returns the approximate noise of a harmonic. r: R and its noise
 float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }
 
-// Returns about 1 if noise explains the difference of two pixels, about 0 if it is several times the noise.
+// Returns about 1 if noise explains the difference of two pixels, and about 0 if the difference is several times
+// the noise.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
     float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));

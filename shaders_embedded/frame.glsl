@@ -5,21 +5,22 @@ mat3 sbl_frame(vec3 n) {
     return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);
 }
 
-// Maps a uniform point u of the unit square to a cosine-distributed direction over the hemisphere about the
-// frame's third column.
+// Maps a point u, uniformly distributed in the unit square, to a cosine-distributed direction in the hemisphere
+// about the frame's third column.
 vec3 sbl_by_cosine(mat3 frame, vec2 u) {
     float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }
 
-// Returns the unit vector of the interpolated normal or, if that is too short, `face`.
+// Returns the normalised interpolated normal or, if it is too short, `face`.
 vec3 sbl_unit_normal(vec3 normal, vec3 face) {
     float length2 = dot(normal, normal);
     return length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
 }
 
-// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that turns away from the viewer
-// would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
+// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that points away from the
+// viewer would aim the sensor at its own surface, so its cosine is kept above SBL_GRAZING. direction: viewer to
+// surface
 vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {
     normal = sbl_unit_normal(normal, face);
     normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;

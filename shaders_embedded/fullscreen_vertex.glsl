@@ -1,2 +1,2 @@
-// One triangle that covers the viewport; drawn with three vertices and no buffers.
+// Draws one triangle that covers the viewport, from three vertices and no buffers.
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }

@@ -1,7 +1,8 @@
-// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.
+// Computes the surface points that the camera's pixels or the texels of a lightmap show.
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // pixels; 0: not used. Triangles whose least height, seen face-on, is below it get
-                               // the geometric normal, above twice it the shading normal, in between a mixture
+uniform float facet_limit;     // in pixels; 0: not used. Triangles whose smallest height, seen face-on, is below
+                               // it get the geometric normal, above twice it the shading normal, in between a
+                               // mixture
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
@@ -10,15 +11,16 @@ layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
 const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces
-layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none
-layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe
+layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe
+layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no
+                                             // lobe
 #endif
-// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no
-// sensor may stand, w of normal is -1 - red.
+// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. On surfaces
+// with SBL_NO_SENSORS, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Returns the mean of the stored R over 5 x 5 points in about one cell, without the points where R is 0. Used
-// where no sensor may stand, because there no sensor smooths R. points: 25, or 0 if the result is not needed
+// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. It is used on
+// surfaces without sensors, which would smooth R. points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -35,21 +37,22 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
-uniform vec2 sample_point;              // point of the unit square that belongs to the sample, see sbl_mirrored
-const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow moves that point by this from turn to turn
-const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
-const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
+uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
+const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
+const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes
+const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
-// What a pixel shows in mirrors and behind panes.
+// The surface that a pixel shows in mirrors and behind panes
 struct sbl_Mirrored {
-    vec3 direction;   // of the last ray
-    vec3 throughput;  // share of light that mirrors reflect and panes let pass
-    vec3 emission;    // light of the mirrors and panes, of the sky that they show, and light that panes reflect
-    int number;       // the triangle that the last ray meets
-    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
+    vec3 direction;   // direction of the last ray
+    vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way
+    vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky
+    int number;       // index of the triangle that the last ray hits
+    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane
 };
 
-// Radiance of a surface, with stored light. number: of its triangle; only_diffuse: true: without its specular lobe
+// Returns the radiance of a surface, with reflected stored light. number: of its triangle; only_diffuse: true:
+// without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
     vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
@@ -65,9 +68,9 @@ bool sbl_is_mirror(sbl_Material m) {
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
 }
 
-// Returns the direction in which the surface s mirrors a ray. An interpolated normal must not lead into the
-// surface. If the mirror blurs, draws the direction from its lobe, and sets the share of light that is reflected.
-// point: the uniform point of the unit square that chooses the direction
+// Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead
+// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of
+// light that is reflected. point: uniform point in the unit square from which the direction is sampled
 vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
@@ -83,10 +86,10 @@ vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
     return normalize(mirrored);
 }
 
-// A ray that leaves a mirror or a pane.
+// A ray that leaves a mirror or a pane
 struct sbl_Leaving {
     vec3 origin, direction;
-    vec3 weight;             // factor of the light that it finds; 0: there is no such ray
+    vec3 weight;             // factor of the light that the ray finds; 0: no ray
 };
 
 sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight) {
@@ -94,9 +97,10 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
     return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);
 }
 
-// Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if
-// the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light
-// (what a pane mirrors, or what is behind a surface through which little light passes). point: see sbl_mirrored
+// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
+// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with its stored
+// light: the reflection of a pane, or the view through a surface that transmits little light. point: see
+// sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
@@ -112,13 +116,13 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
-// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray meets.
+// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray hits.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;
     bool goes_on = true;
-    // Even turns trace the ray `aside`, odd turns trace the ray `next`. Drivers compile a copy of sbl_trace for
-    // each place that calls it, so one place calls it for both rays.
+    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
+    // sbl_trace for each call, so both rays share one call.
     for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {
         bool is_aside = (turn & 1) == 0;
         if (is_aside) {
@@ -150,14 +154,14 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     return m;
 }
 
-// Two numbers from 0 to 1 as one.
+// Packs two numbers from 0 to 1 into one.
 float sbl_pack_two(float a, float b) {
     vec2 steps = floor(clamp(vec2(a, b), 0.0, 1.0) * SBL_LOBE_STEPS + 0.5);
     return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;
 }
 
-// A unit vector as a point of the square -1 .. 1: octahedral (Cigolle et al. 2014, "A Survey of Efficient
-// Representations for Independent Unit Vectors").
+// Maps a unit vector to a point in the square -1 .. 1: octahedral mapping (Cigolle et al. 2014, "A Survey of
+// Efficient Representations for Independent Unit Vectors").
 vec2 sbl_pack_direction(vec3 v) {
     vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));
     vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);
@@ -193,11 +197,11 @@ void main() {
 #endif
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
 #ifdef SBL_NORMAL_MAPS
-        pixel_x = pixel_y = vec2(0);  // sbl_follow does not know them for surfaces in mirrors
+        pixel_x = pixel_y = vec2(0);  // unknown for surfaces that sbl_follow finds in mirrors
 #endif
-        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.
+        // width of a pixel at the surface, in world units
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
-        // True: small facets keep the shading normal, because reflections and textures of normals need it.
+        // true: small triangles keep the shading normal, which reflections and normal maps need
         bool smooth_normal = bumpy;
 #ifdef SBL_SPECULAR
         smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;

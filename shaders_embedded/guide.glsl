@@ -1,11 +1,11 @@
 // Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_BANDS
-// intervals, one per band of the hemisphere, and for each band into SBL_GUIDE_SECTORS intervals, one per sector.
-// It stores the beginning of each interval as a 16-bit number, eight of them per texel.
+// intervals, one per band of the hemisphere, and again for each band into SBL_GUIDE_SECTORS intervals, one per
+// sector. It stores the start of each interval as a 16-bit number, eight of them per texel.
 #ifdef SBL_GUIDED
 uniform usampler2D sbl_guides;
 
-// Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns
-// its beginning, its end and its index.
+// Finds the interval that contains x among the 8 * texels intervals stored from texel `from` on. Returns the
+// interval's start, end and index.
 vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
     vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);
     for (int i = 0; i < texels; i++) {
@@ -21,8 +21,8 @@ vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
     return at;
 }
 
-// Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its
-// ray: the inverse of the point's density, so that the expected value of the ray's light does not change.
+// Maps a uniform point u in the unit square to a point distributed by the guide. Returns the weight of its ray,
+// the inverse of the point's pdf, which keeps the expected value of the ray's light.
 float sbl_guide(int guide, inout vec2 u) {
     const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
     const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);

@@ -1,31 +1,33 @@
-// A single lamp as a point on a surface sees it: its light in closed form, a cluster's approximate light, the
-// choice of one lamp from a cluster, and a random point on a lamp.
-uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps
-uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
+// One lamp as seen from a point on a surface: its light in closed form, the approximate light of a cluster, the
+// random choice of a lamp from a cluster, and a random point on a lamp.
+uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps
+uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow
 #if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED
-const bool mixed = true;            // lamps need not be triangles, and there may be more than SBL_LAMPS
+const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
 #endif
 
-const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
+const float SBL_SMALL = 16.0;       // a triangle is small if (squared distance) / (squared size) exceeds this
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
-const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
+const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced
 
-// A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that have a field.
+// A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
     uint kind;
     vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid
                                // angle; light: irradiance of a surface at the sensor that faces the light
-    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre
+    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the
+                               // centre
     vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
-    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
-    ivec2 texel;               // texel: its column and row in the environment's picture
-    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
-    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
+    float away, radius, sine2; // light: distance, radius, squared sine of half the subtended angle
+    ivec2 texel;               // texel: column and row in the environment's picture
+    int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number
+                               // is -1
+    vec2 group;                // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)
     bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
-    int layer;                 // number of its light group; glow: number of its record, see sbl_lamp_share
+    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
@@ -63,7 +65,8 @@ sbl_Lamp sbl_lamp(int leaf) {
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
         for (int i = 0; i < (l.glow ? 1 : 0); i++)
             l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;
-        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.
+        // Almost edge-on: no light. This excludes the sensor's own triangle, which rounding may lift above the
+        // horizon.
         if (abs(off) < 0.5 * above * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
@@ -95,9 +98,9 @@ sbl_Lamp sbl_lamp(int leaf) {
 }
 
 #ifdef SBL_GROUPS
-uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin, one texel per layer
+uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer
 
-// Returns the share of a lamp's light that belongs to a layer.
+// Returns the fraction of a lamp's light that belongs to a layer.
 vec3 sbl_lamp_share(sbl_Lamp l, int layer) {
     if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);
     return vec3(l.layer == layer ? 1.0 : 0.0);
@@ -106,10 +109,11 @@ vec3 sbl_lamp_share(sbl_Lamp l, int layer) {
 
 // >>closed forms
 
-// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the
-// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the
-// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;
-// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).
+// Returns the form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum
+// (1760) over the edges of the part above the horizon adds, for each edge, the angle that it subtends times z of
+// the unit normal of the plane through the edge and the sensor. For a small, distant triangle, rounding would
+// spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to
+// 4e-6).
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
     vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
@@ -139,8 +143,9 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
                  : abs(sum) / (2.0 * SBL_PI);
 }
 
-// Form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time Graphics");
-// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre
+// Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time
+// Graphics"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's
+// centre
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
@@ -150,8 +155,8 @@ float sbl_round(float z, float sine2) {
     return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
 
-// R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate: above 0 if any part of
-// the texel is above the horizon.
+// Returns R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate, and above 0 if
+// any part of the texel is above the horizon.
 vec3 sbl_unhindered(sbl_Lamp l) {
     float factor = 0.0;
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -164,9 +169,9 @@ vec3 sbl_unhindered(sbl_Lamp l) {
     return l.brightness * factor;
 }
 
-// The first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its solid angle
-// and from the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part along
-// the normal is approximate.
+// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its
+// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part
+// along the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);
@@ -179,7 +184,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
             if (p.z > 0.0) kept[count++] = p;
             if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
         }
-        for (int k = 0; k < count; k++) {  // R of a polygon as a sum over its edges (Lambert 1760)
+        for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)
             vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
             float size = length(across);
             way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
@@ -193,7 +198,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         way = transpose(to_frame) * way * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness
+    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
         way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
@@ -206,8 +211,8 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
 struct sbl_Cluster {
     vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction
     float radius;
-    bool far;      // true: the lamps are infinitely far away
-    int beyond;    // next node that is not in the cluster's subtree
+    bool far;      // true: the lamps are at infinity
+    int beyond;    // index of the first node after the cluster's subtree
 };
 
 sbl_Cluster sbl_cluster(int node) {
@@ -217,7 +222,8 @@ sbl_Cluster sbl_cluster(int node) {
                        int(beyond & ~SBL_FAR_NODE));
 }
 
-// Approximate light / unit of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.
+// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its
+// lamps.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
@@ -235,7 +241,8 @@ float sbl_strength(int node, sbl_Cluster c) {
 // >>points of lamps
 
 // Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,
-// "Stratified Sampling of Spherical Triangles"). w: the solid angle; 0 if it is too small for this method
+// "Stratified Sampling of Spherical Triangles"). Returns the direction in xyz, and the solid angle in w; all 0
+// if the solid angle is too small for this method.
 vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
     vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
     float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));
@@ -253,17 +260,18 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 struct sbl_Sample {
     vec3 direction;
     float far;    // distance, or SBL_UNBOUNDED
-    vec3 light;   // R / unit from the lamp, estimated from this point alone
-    vec2 b;       // triangle: weights of the second and third corner
+    vec3 light;   // R / unit of the whole lamp, estimated from this point alone
+    vec2 b;       // triangle: barycentric weights of the second and third corner
 };
 
-// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner
+// Returns the barycentric weights of a triangle's second and third corner at a point. from_corner: the point,
+// relative to the first corner
 vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
     vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
     return areas / dot(normal, normal);
 }
 
-// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area
+// Maps a uniform point u in the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area
 // if the solid angle is small (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);
@@ -271,7 +279,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.
+        // keeps away from the edges, so that the ray does not miss the triangle by rounding
         float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
         float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);
         s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));
@@ -304,7 +312,8 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_SPECULAR
-// Share of a lamp's light in a direction that rays of a lobe measure, see sbl_lobe_met. They do not meet lights.
+// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_met. Rays do not hit
+// lights (point, spot and directional), whose weight is 0.
 float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
     float lamp_density = SBL_LAMP_DENSITY;
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
@@ -314,17 +323,17 @@ float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
 #endif
 
 struct sbl_Pick {
-    int leaf;      // the lamp that is picked
+    int leaf;      // index of the picked lamp
     float share;   // probability of picking this lamp
     vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend
     bool cluster;  // true: the lamp was picked from a cluster
 };
 
-// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
-// Each choice maps the part of 0..1 that has led to the chosen child back to 0..1, so that p.u.x stays uniform.
-// node: -1: the cluster of all lamps, if there are near ones and far ones
+// Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in
+// proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x
+// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
-    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.
+    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);
     int beyond = node < 0 ? lamp_nodes : sbl_cluster(node).beyond;
     for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {
@@ -340,11 +349,11 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
 }
 
 #if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
-// Factor of a triangle's light at a point: what textures, vertex colours and reflections do to it. b: weights of
-// its second and third corner
+// Returns the factor of a triangle's light at a point: the effect of textures, vertex colours and reflections. b:
+// barycentric weights of the second and third corner
 vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
     int object = int(sbl_triangle_object(l.triangle));
-    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.
+    // A glow is a part of a triangle. This replaces b by the weights of the same point in the whole triangle.
     for (int i = 0; i < (l.glow ? 1 : 0); i++) {
         sbl_Lamp whole_triangle = l;
         vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;

@@ -1,30 +1,30 @@
-// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
-// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays
-// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic
-// direct illumination and stochastic shadows". If there are many lamps, distant ones form clusters; a ray
-// towards a cluster picks one of its lamps, in proportion to their light.
+// Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
+// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure
+// the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic direct
+// illumination and stochastic shadows". If there are many lamps, distant ones form clusters; a ray towards a
+// cluster picks one of its lamps, in proportion to their light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly
-// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.
-uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
-uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights
-uniform float scale;                  // output / R
+// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually
+// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.
+uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl
+uniform int rays;                     // maximum number of rays per look, without those to rims and point lights
+uniform float scale;                  // factor from R to the output
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
-uniform int parts;                    // number of invocations among which the measurement divides a look's rays
+uniform int parts;                    // number of parts into which the measurement divided a look's rays
 uniform int sheet_slot;               // slot of the look's views in the view texture
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
-SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf
+SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
 const bool inspected = false;
-SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance
+SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance
 SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale
 SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale
 #ifdef SBL_DIRECTIONAL
@@ -34,45 +34,47 @@ const bool directional = false;
 #endif
 #endif
 const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
-const float SBL_STRATA = 1.5;       // the variance from n stratified points is SBL_STRATA / sqrt(n) times that
-                                    // from independent points (measured with shadow edges on a lamp)
+const float SBL_STRATA = 1.5;       // n stratified points give SBL_STRATA / sqrt(n) times the variance of n
+                                    // independent points (measured with shadow edges on a lamp)
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
-const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
+const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
-const float SBL_SPARSE = 4.0;       // a group with fewer rays per part than this on average is `sparse`: no ratio
+const float SBL_SPARSE = 4.0;       // lamps of one facing are `sparse` if a part has fewer rays to them: no ratio
 #else
 const float SBL_SPARSE = 16.0;
 #endif
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
-const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree after fewer
+const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier
 const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
 const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,
+                                                           // for others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
-const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
+const float SBL_RIM_AT = 0.99;      // fraction of a round lamp's area inside the circle of its rim samples
 #ifdef SBL_LOBE
-const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor where lamps without a closed form are picked
+const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor for picking lamps without a closed form
 #endif
-const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this
+const float SBL_KNOWN = 1e-6;       // clusters get no more rays if (variance / squared light) is below this
 
-int look;                    // the look that is measured: its number in the batch
+int look;                    // the look that is measured: its index in the batch
 uvec2 scramble;
 
-#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
-uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
-uniform ivec2 sheet;            // size of a sheet (the views of one look), texels
+#ifdef SBL_VIEWS  // for geometry that only the host can draw: the sensor's views show if it hides the lamp
+uniform sampler2D view_texture; // rgb: radiance towards the sensor; a: distance along the view's axis, < 0: back
+                                // face
+uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, in texels
+uniform ivec2 sheet;            // size of a sheet (the views of one look), in texels
 uniform int view_count;
 uniform float tangent;          // tangent of half the field of view
-uniform float extent;           // scene extent: unit of the view texture's distances, world units
+uniform float extent;           // scene extent in world units: unit of the view texture's distances
 
 const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
 const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
 
-// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of
-// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.
+// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction
+// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float turn = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
@@ -99,8 +101,10 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp
+        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at
+                                                                 // this texel
+        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // true: the shown surface and the lamp differ in
+                                                                 // facing
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
         vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
@@ -113,21 +117,21 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 
 // >>choose
 
-int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN
-                             // point lights fill the array from its end
+int entries[SBL_LAMPS];      // n >= 0: lamp n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN point
+                             // lights are stored backwards from the array's end
 float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i
-int used, certain;           // number of entries from the array's start on; number of point lights at its end
+int used, certain;           // number of entries at the array's start; number of point lights at its end
 float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths
-float crowd_within;          // estimate of what `crowd` would be if all lamps of clusters were entries
-mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
-                             // except texels and the `certain` point lights. Each group has its own ratio seen /
+float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries
+mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
+                             // except texels and the `certain` point lights. Each facing has its own ratio seen /
                              // open, because one side of a closed mesh hides the other
-bool rounded = false;        // true: some of the lamps considered are not triangles
-mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light
+bool rounded = false;        // true: some of the considered lamps are not triangles
+mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light
 #ifdef SBL_GROUPS
-vec3 whole_layers[2 * SBL_GROUPS];  // by group, as `whole`: first the layers of group 0, then those of group 1
+vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1
 
-// Adds the light of a lamp to sums that are ordered as whole_layers.
+// Adds the light of a lamp to sums ordered like whole_layers.
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
         vec3 part = light * sbl_lamp_share(l, g);
@@ -139,9 +143,9 @@ void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
 #define sbl_add_layers(sums, l, light)
 #endif
 
-// R / unit from an unobstructed lamp. With SBL_LOBE, it is the mean radiance in the lobe / unit that comes from
-// the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise an estimate above 0.
-// A perfect mirror has no light from lamps here, because its rays find it.
+// Returns R / unit from an unobstructed lamp. With SBL_LOBE, returns the mean radiance / unit that the lobe
+// receives from the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise a rough
+// estimate, above 0. For a perfect mirror, returns 0, because the mirror's rays find the lamps.
 vec3 sbl_expected(sbl_Lamp l) {
     vec3 light = sbl_unhindered(l);
 #ifdef SBL_LOBE
@@ -152,9 +156,9 @@ vec3 sbl_expected(sbl_Lamp l) {
 }
 
 #ifdef SBL_LOBE
-// Factor of the linearly transformed cosine for light from a direction: what sbl_lobe_factor would return, divided
-// by the lobe's albedo, if the lobe were that cosine. The closed form of a lamp is its light in the cosine. Rays
-// measure which share of it arrives; `sampled` adds the difference between the lobe and the cosine.
+// Returns the factor of the linearly transformed cosine for light from a direction: the result of sbl_lobe_factor,
+// divided by the lobe's albedo, if the lobe were this cosine. The closed form of a lamp is its light in the
+// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
     float length2 = dot(w, w), cosine = dot(direction, n);
@@ -162,7 +166,7 @@ float sbl_cosine_factor(vec3 direction) {
 }
 #endif
 
-// True if sbl_unhindered is a closed form.
+// Returns true if sbl_unhindered is a closed form.
 bool sbl_has_closed_form(sbl_Lamp l) {
 #ifdef SBL_LOBE
     return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;
@@ -173,7 +177,7 @@ bool sbl_has_closed_form(sbl_Lamp l) {
 
 // Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all
 // nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry
-// if its radius is below this share of its distance. last: true: a node of any size is one entry
+// if its radius is below this * its distance. last: true: a node of any size is one entry
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
@@ -254,18 +258,20 @@ int sbl_pick_entry(inout sbl_Pick p) {
 
 // >>shoot
 
-// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from
-// other lamps is the closed form times the ratio seen / open.
-mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: sums of the rays' light without obstruction, and with it
-vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse groups
-vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps
+// Sums over the rays. Light from clusters, texels and lamps of sparse facings is the mean of the rays' light;
+// light from other lamps is the closed form times the ratio seen / open.
+mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with
+                                              // it
+vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse facings
+vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
+                                              // lamps
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
-float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`
+float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`
 #ifdef SBL_LOBE
-vec2 lobe_squares = vec2(0);                  // by group: sum of squared luminances of the rays' light in `open`
+vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`
 #endif
-vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
-vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples
+vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough
+vec2 bright = vec2(0), dark = vec2(0);        // by facing: number of unblocked and of blocked rays and rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
 #ifdef SBL_GROUPS
@@ -351,27 +357,28 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 
 // >>combine
 
-// Variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has smaller strata.
-// The variable `lamps` is the effective number of lamps, with those in clusters.
+// Returns the variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has
+// smaller strata. The variable `lamps` is the effective number of lamps, including those in clusters.
 float sbl_strata(float n) {
     float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
 }
 
-// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.
+// Returns true if more rays are needed: for lamps of one facing, only some of the rays are blocked or attenuated,
+// or the light sampled from clusters is too noisy.
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
     bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
                     (seen[1] != vec3(0) && seen[1] != open[1]);
 #ifdef SBL_LOBE
-    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // what is sampled corrects the closed forms
+    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // `sampled` corrects the closed forms
 #endif
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
-// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: spherical
-// harmonics of that light; layers: its layers
+// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics, layers:
+// those of this light
 struct sbl_Result {
     vec4 light;
     mat3x4 harmonics;
@@ -394,7 +401,7 @@ sbl_Result sbl_combine() {
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
-        // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST
+        // n / n exceeds 1 on NVIDIA; without min, the variance would be negative, which means SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
 #ifdef SBL_LOBE
@@ -410,7 +417,7 @@ sbl_Result sbl_combine() {
                 r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
                                   (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
 #ifdef SBL_GROUPS
-        // Layers: as harmonics. The deviations of all layers add up to 0, because `share` is seen / open.
+        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.
         vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));
         for (int i = 0; i < SBL_GROUPS; i++)
             r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *
@@ -421,9 +428,9 @@ sbl_Result sbl_combine() {
     return r;
 }
 
-// Returns the result of an invocation that has made all passes although its rays agreed after fewer. early: its
-// result at that time. Other invocations stop there. Since this one stands for them, too, it multiplies the change
-// since then by 1 / SBL_PASS_CHANCE. The mean of all invocations is thus the same as if all made all passes.
+// Russian roulette over passes: if the rays agree early, an invocation stops, except with probability
+// SBL_PASS_CHANCE. For an invocation that continued, returns early + (final - early) / SBL_PASS_CHANCE, so that
+// the expected value equals that of always making all passes. early: result when the rays first agreed
 sbl_Result sbl_combine_after(sbl_Result early) {
     sbl_Result r = sbl_combine();
     float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);
@@ -436,8 +443,8 @@ sbl_Result sbl_combine_after(sbl_Result early) {
     return r;
 }
 
-// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether
-// to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.
+// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided
+// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.
 int sbl_pass_count() {
     float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;
@@ -454,7 +461,7 @@ bool sbl_goes_on(int part) {
 
 void main() {
     ivec2 at = sbl_texel_of_invocation();
-    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
+    int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report
     int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
@@ -491,14 +498,14 @@ void main() {
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
-    // Rim samples find shadow edges that hide only a small part of a lamp, so that more passes are made.
+    // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
     sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
-        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.
+        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.
         int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
         // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.
         int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));

@@ -1,7 +1,7 @@
-// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. Programs sum the light of
-// each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the
-// numbers that SBL_OUT gives them. sbl_write_layers writes the layers into them, one after the other.
-// SBL_PART_n(x) is x if output n is needed.
+// SBL_GROUPS is the number of light groups; it is undefined if light groups are not measured. Programs sum the
+// light of each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a
+// to f: their indices for SBL_OUT. sbl_write_layers writes the layers to the outputs, one after the other.
+// SBL_PART_n(x) is x if output n is needed, otherwise nothing.
 #ifdef SBL_GROUPS
 #define SBL_PART_0(x) x
 #if SBL_GROUPS >= 2
@@ -41,7 +41,7 @@
     SBL_PART_4(sbl_write(out_layers_4, sbl_layers_part(l, 4));) \
     SBL_PART_5(sbl_write(out_layers_5, sbl_layers_part(l, 5));)
 
-// Returns floats 4 * part to 4 * part + 3 of the layers; 0 beyond their end.
+// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.
 vec4 sbl_layers_part(vec3 layers[SBL_GROUPS], int part) {
     vec4 floats = vec4(0);
     for (int k = 0; k < 4; k++)

@@ -1,5 +1,5 @@
 // The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and
-// Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.
+// Schlick's Fresnel term (1994). reflectance: fraction of light that is reflected along the normal, per colour.
 // alpha: the squared roughness
 #ifdef SBL_SPECULAR
 const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
@@ -9,14 +9,14 @@ const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756
 const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,
                                              0.0118, 0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);
 
-// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian
-// lobe, as a polynomial (error 7e-5).
+// Returns the fraction of diffuse light that the Fresnel term removes, for a viewer at this cosine: the mean of (1
+// - V.H)^5 over a Lambertian lobe, as a polynomial (error 7e-5).
 float sbl_diffuse_lost(float cosine) {
     float u = 1.0 - cosine;
     return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
 }
 
-// Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
+// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
 float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
 
 float sbl_lobe_row(float roughness) {
@@ -28,7 +28,7 @@ vec2 sbl_lobe_entry(int row, int column) {
     return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;
 }
 
-// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.
+// Returns the directional albedo of the lobe at this cosine, interpolated from sbl__lobe_albedos.
 vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     float alpha = roughness * roughness, u = 1.0 - cosine;
     float x = sbl_lobe_step(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);
@@ -39,8 +39,7 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     return reflectance * (share.x - share.y) + share.y;
 }
 
-// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.
-// opacity: share of the surface that exists
+// Returns the albedo of a surface, averaged over all directions. opacity: coverage of the surface, 0 to 1
 vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {
     float y = sbl_lobe_row(roughness);
     int row = min(int(y), SBL_LOBE_ROWS - 2);
@@ -49,10 +48,10 @@ vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opac
     return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);
 }
 
-// A specular lobe. Vectors without "direction" in their name are in its frame.
+// A specular lobe. Vectors without "direction" in their name are in the frame of the lobe.
 struct sbl_Lobe {
-    mat3 frame;        // columns: x: the direction to the viewer, projected onto the surface; z: the normal
-    vec3 view;         // to the viewer
+    mat3 frame;        // columns x: the direction to the viewer, projected onto the surface; z: the normal
+    vec3 view;         // direction to the viewer
     vec3 reflectance;
     float alpha;       // 0: a perfect mirror
 };
@@ -69,7 +68,7 @@ sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float r
     return l;
 }
 
-// Smith's Lambda for a unit vector.
+// Returns Smith's Lambda for a unit vector.
 float sbl_lambda(float alpha, vec3 w) {
     vec2 slope = alpha * w.xy / max(abs(w.z), 1e-6);
     return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;
@@ -80,8 +79,8 @@ vec3 sbl_fresnel(vec3 reflectance, float cosine) {
     return reflectance + (1.0 - reflectance) * (x2 * x2 * x);
 }
 
-// Draws a direction from u, a uniform point of the unit square: a visible normal mirrors the view (Dupuy and
-// Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps"). weight: share of light that is reflected
+// Samples a direction by mirroring the view at a visible normal (Dupuy and Benyoub 2023, "Sampling Visible GGX
+// Normals with Spherical Caps"). u: uniform point in the unit square. weight: f * cosine / pdf
 vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {
     vec3 v = normalize(vec3(l.alpha * l.view.xy, l.view.z));
     float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));
@@ -95,7 +94,7 @@ vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {
     return l.frame * w;
 }
 
-// Returns the distribution of normals for the normal that mirrors the view to w. h: that normal
+// Returns the GGX distribution of normals at the half vector h of w and the view.
 float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
     float a2 = l.alpha * l.alpha;
     h = (w + l.view) / max(length(w + l.view), 1e-30);
@@ -103,8 +102,8 @@ float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
     return a2 / max(SBL_PI * d * d, 1e-37);
 }
 
-// Factor of the lobe for light from a direction, divided by that of R: pi times the lobe's part of f (see ON
-// REFLECTIONS in sbl.h).
+// Returns the factor of the lobe for light from a direction, relative to the factor of R: pi times the lobe's part
+// of f (see ON REFLECTIONS in sbl.h).
 vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {
     vec3 w = direction * l.frame, h;
     if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);
@@ -113,7 +112,7 @@ vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {
     return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));
 }
 
-// Density by solid angle with which sbl_lobe_sample draws a direction.
+// Returns the pdf, per solid angle, of a direction from sbl_lobe_sample.
 float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
     vec3 h;
     if (l.alpha <= 0.0) return SBL_UNBOUNDED;
@@ -121,24 +120,26 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
     return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
 }
 
-// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides
+// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
+// of the triangle; way: vector from the viewer to the point
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
-    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow
+    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,
+                                                       // since the products would underflow
     return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
 }
 
-const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles
+const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_met on lamps that are not emitting triangles
 
-// Share of a lamp's light in a direction that rays of the lobe measure; rays to lamps measure the rest. It is
-// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
+// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It
+// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.
 float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 #endif
 
 #ifdef SBL_LOBE
 sbl_Lobe lobe;         // the lobe of the look that is measured
-vec3 lobe_scale;       // 1 / its albedo: the look measures the mean radiance that the lobe reflects
-bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
+vec3 lobe_scale;       // 1 / albedo of the lobe: the look measures the mean radiance that the lobe reflects
+bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_met
 
 void sbl_lobe_begin(int look, vec3 normal) {
     float roughness = sbl_lobe_roughness(look);
@@ -147,8 +148,9 @@ void sbl_lobe_begin(int look, vec3 normal) {
     lobe_rough = roughness >= SBL_LOBE_ROUGH;
 }
 
-// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine
-// (Heitz, Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
+// Returns the matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed
+// cosine (Heitz, Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed
+// Cosines").
 mat3 sbl_lobe_to_cosine(int look) {
     mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));
     return inverse * transpose(lobe.frame);

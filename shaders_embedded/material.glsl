@@ -1,12 +1,12 @@
-// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the
-// flags of a material. >>material in sbl.h does the same on the CPU.
+// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other
+// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
-uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
+uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so that sbl_outgoing leaves it out
 #ifdef SBL_SPECULAR
-float lamp_met = 0.0;      // share of emitters' light that sbl_outgoing adds if lamps_apart, see sbl_lobe_met
+float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met
 #endif
 
-// Share of the light of emitters that sbl_outgoing adds.
+// Returns the weight with which sbl_outgoing adds emission.
 float sbl_lamp_met() {
 #ifdef SBL_SPECULAR
     return lamps_apart ? lamp_met : 1.0;
@@ -15,20 +15,20 @@ float sbl_lamp_met() {
 #endif
 }
 
-// A material at a point, with its textures applied.
+// A material at a point, with its textures applied
 struct sbl_Material {
-    vec3 albedo;       // share of light that the surface reflects; with reflections, the mean over all directions
-    bool cut_out;      // the point lies in a hole
+    vec3 albedo;       // albedo; if the surface also has a lobe, the mean over all directions
+    bool cut_out;      // true: the point lies in a hole
 #ifdef SBL_SPECULAR
-    vec3 diffuse;      // albedo of the diffuse part seen along the normal
-    vec3 reflectance;  // of the specular lobe, seen along the normal
-    float roughness;   // 0 to 1; a negative value means that the surface is matte
-    float opacity;     // share of the surface that exists
-    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected
+    vec3 diffuse;      // albedo of the diffuse part, seen along the normal
+    vec3 reflectance;  // reflectance of the specular lobe, seen along the normal
+    float roughness;   // 0 to 1; negative: the surface is matte
+    float opacity;     // coverage of the surface at this point, 0 to 1
+    vec3 clear;        // fraction of light that would pass straight through if the surface reflected nothing
 #endif
 };
 
-// Share of a surface that exists at a point.
+// Returns the opacity (coverage) of a surface at a point.
 float sbl_opacity(int object, sbl_Attributes at) {
     float opacity = 1.0;
 #ifdef SBL_SPECULAR
@@ -67,8 +67,8 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
 #endif
 }
 
-// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors,
-// which tells their variance if they have the distribution of von Mises and Fisher (Banerjee et al. 2005,
+// Increases the roughness of a surface if a pixel covers many normals. mean: length of the mean of these unit
+// vectors, from which their variance follows if they have a von Mises-Fisher distribution (Banerjee et al. 2005,
 // "Clustering on the Unit Hypersphere"). alpha^2 is twice the variance of slopes (Olano and Baker 2010, "LEAN
 // Mapping").
 void sbl_blur_by_normals(inout sbl_Material m, float mean) {
@@ -80,7 +80,7 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 }
 
 #ifdef SBL_SPECULAR
-// Share of light that passes straight through a surface. cosine: between its normal and the light
+// Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light
 vec3 sbl_passing(int object, sbl_Material m, float cosine) {
     float reflectance = sbl_object_reflectance(object);
     vec3 fresnel = reflectance < 0.0 ? vec3(0) : sbl_fresnel(vec3(reflectance), abs(cosine));
@@ -88,31 +88,31 @@ vec3 sbl_passing(int object, sbl_Material m, float cosine) {
 }
 #endif
 
-// False: no point of the object lies in a hole, so sbl_material need not be called to find out.
+// Returns false if no point of the object lies in a hole, so that callers need not call sbl_material to find out.
 bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }
 
-// True if this is the back of a surface that emits only in front.
+// Returns true for the back of a surface that emits only from its front.
 bool sbl_dark_side(int object, bool back) {
     return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;
 }
 
-// Radiance that one side of a surface emits, before its texture is applied.
+// Returns the radiance that one side of a surface emits, before the texture is applied.
 vec3 sbl_emission(int object, bool back) {
     return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);
 }
 
-// True if one side of a surface emits light. Does not call sbl_emission: softpipe would show wrong sides.
+// Returns true if one side of a surface emits light. Does not call sbl_emission: softpipe would confuse the sides.
 bool sbl_emits(int object, bool back) {
     vec3 emission = sbl_object_emission(object);
     return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);
 }
 
-// The factor of sbl_emission at a point: the emission texture and the opacity.
+// Returns the factor of sbl_emission at a point: emission texture times opacity.
 vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
     return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
-// True if sbl_outgoing does not read `at`.
+// Returns true if sbl_outgoing does not read `at`.
 bool sbl_outgoing_is_plain(int object, bool back) {
 #if !defined(SBL_TEXTURED)
     return true;
@@ -123,8 +123,8 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 #endif
 }
 
-// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and
-// 2. It is the emission of an emitter, or 0 if lamps_apart; for other surfaces, epsilon times the albedo.
+// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1
+// and 2. This is the emission of an emitter (0 if lamps_apart), or epsilon * albedo for other surfaces.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
@@ -137,11 +137,11 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     return radiance;
 }
 
-// Radiance that a surface reflects. light: R at the surface
+// Returns the radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by the albedo
-// with which sbl__reflect computed the glow's radiance.
+// Returns the factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by
+// the albedo with which sbl__reflect computed the radiance.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 #ifdef SBL_SPECULAR
     sbl_Material m = sbl_material(object, at);
@@ -154,27 +154,28 @@ vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 }
 
 #ifdef SBL_SPECULAR
-// Radiance that the diffuse part of a surface reflects. light: R at the surface
+// Returns the radiance that the diffuse part of a surface reflects. light: R at the surface
 vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }
 
-// Radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the lobe
+// Returns the radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the
+// lobe
 vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {
     return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;
 }
 
-// Albedo of the lobe for a viewer at this cosine, not below the limit of the albedo by which sensors divide.
+// Returns the albedo of the lobe for a viewer at this cosine, but at least SBL_LOBE_LEAST, since it is a divisor.
 vec3 sbl_lobe_shown(sbl_Material m, float cosine) {
     return m.opacity * max(sbl_specular_albedo(m.reflectance, m.roughness, cosine), vec3(SBL_LOBE_LEAST));
 }
 
-// Share of light that a perfect mirror reflects at this cosine.
+// Returns the fraction of light that a perfect mirror reflects at this cosine.
 vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }
 
-// Albedo of the diffuse part of a surface that a viewer sees at this cosine.
+// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.
 vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }
 #endif
 
-// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.
+// Returns the albedo for bounces in the store: limited below 1, so that light fades even in closed white rooms.
 // tint: factor of the light, see sbl_trace
 vec3 sbl_bounced(sbl_Material m, vec3 tint) {
     return min(tint * clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO), vec3(1));
@@ -184,11 +185,11 @@ vec3 sbl_bounced(sbl_Material m, vec3 tint) {
 struct sbl_Bounce {
     vec3 direction;
     vec3 off;     // unit normal, on the side where the ray starts
-    vec3 weight;  // factor of the radiance that the ray finds
+    vec3 weight;  // factor of the radiance that the ray returns
 };
 
-// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if
-// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square
+// Samples the direction of light that a surface reflects, with a cosine distribution. across: normal of any
+// length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square
 sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {
     vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;
     return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);

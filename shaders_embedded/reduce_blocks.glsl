@@ -1,9 +1,9 @@
 // First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
 uniform sampler2D view_texture;  // written by sensor_fragment.glsl
 uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth
-uniform int block;               // width and height of a block, texels
+uniform int block;               // width and height of a block, in texels
 SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces
-SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0
+SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0
 uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0
 SBL_OUT_HARMONICS(2, 3, 4)
 

@@ -1,16 +1,16 @@
-// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl
-// has made the partial sums; for rays, trace.glsl.
+// Sums the partial sums of each look; each output texel is the result of one look. The partial sums come from
+// reduce_blocks.glsl for views, and from trace.glsl for rays.
 uniform sampler2D block_sums, block_hits;  // out_sum and out_hits of reduce_blocks.glsl or trace.glsl
-uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
-uniform int columns, slots;    // number of slots per row; number of all slots
-uniform int first, last;       // numbers of the first and last look to compute
-uniform sampler2D lights;      // R by lamps.glsl: `parts` estimates per look, whose mean is added
-uniform int parts;             // number of texels per look in `lights`, one below the other; 0: no lamps
+uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, in texels
+uniform int columns, slots;    // number of slots per row; number of slots in total
+uniform int first, last;       // indices of the first and last look to compute
+uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added
+uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps
 layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
 layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
 uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics
-uniform bool even;             // true: add the correction by block_even
+uniform bool even;             // true: add the correction from block_even
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
@@ -25,7 +25,8 @@ SBL_PART_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(locati
 SBL_PART_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)
 #endif
 
-// Sum of a look's harmonics of one colour, or of some of its layers, from partial sums and from lamps.
+// Returns the sum, from partial sums and from lamps, of a look's harmonics of one colour, or of some of its
+// layers.
 vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {
     vec4 sum = vec4(0);
     for (int i = 0; i < blocks.x * blocks.y; i++)

@@ -1,22 +1,23 @@
-// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them
-// at near hits and at metal, cast.glsl at metal.
+// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl
+// traces them at near hits and at metal, cast.glsl at metal.
 
 #ifdef SBL_SPECULAR
-// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.
+// At a surface of larger reflectance, the path continues in a direction sampled from the surface's lobe.
 const float SBL_SHINY = 0.2;
-// The ray treats a smoother surface as if its roughness were SBL_BLURRED. A ray of a look's lobe (SBL_LOBE) uses
-// SBL_BLURRED_LOBE times the roughness of that lobe instead. This blurs light that lamps send by way of mirrors;
-// otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
+// Such a surface gets at least the roughness SBL_BLURRED. For rays of a look's lobe (SBL_LOBE), the minimum is
+// SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that arrives by way of mirrors;
+// otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
 // Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
-bool hit_shines = false;     // true: the last hit is such a surface
-float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps
+bool hit_shines = false;     // true: the reflectance of the last hit exceeds SBL_SHINY
+float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
+                             // (sbl_lobe_met); 0: ignore lamps that the ray hits
 
 bool sbl_shines(sbl_Material m) {
     return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;
 }
 
-// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.
+// Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.
 float sbl_hit_density(sbl_Hit hit, vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,
@@ -25,20 +26,20 @@ float sbl_hit_density(sbl_Hit hit, vec3 direction) {
 #endif
 
 #ifdef SBL_BOUNCED
-// The rays that leave a near hit. All start at `from`.
+// The two rays that leave a near hit. Both start at `from`.
 struct sbl_Reflection {
     vec3 from;
     vec3 to_lamp;           // unit direction of the ray to a lamp
     float away;             // length of that ray; 0: no lamp gives light
-    int number;             // number of the lamp's triangle in the scene, or -1
-    vec3 light;             // light that the ray to the lamp finds if nothing is in its way
+    int number;             // index of the lamp's triangle in the scene, or -1
+    vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
-    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
+    vec3 direction, share;  // of the next segment: direction, and factor of the throughput
     float density;          // ray_density of the next segment
 };
 
-// Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
-// direction: the direction of the ray that arrives at the hit. hash: the source of the random numbers
+// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment. direction:
+// direction of the ray that arrives at the hit. hash: source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
@@ -95,8 +96,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
     r.to_lamp = normalize(to);
     float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
-    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false if the light is not a number, because the
-                                                                 // hit is on the lamp itself
+    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is
+                                                                 // on the lamp itself
     r.away = lit ? away : 0.0;
     r.light = lit ? r.light : vec3(0);
     return r;

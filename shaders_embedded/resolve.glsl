@@ -1,37 +1,38 @@
-// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The
-// sample has its own G-buffer; its light comes from the nearest pixel centres that show the same surface, so that
-// light does not bleed over edges.
-uniform sampler2D radiance;                 // R at pixel centres
+// Composes (section III-H) one anti-aliasing sample of every pixel: emission plus reflected light. The sample has
+// its own G-buffer. Its light comes from the nearest pixel centres that show the same surface, so that light does
+// not bleed over edges.
+uniform sampler2D radiance;                 // R (irradiance / pi) at pixel centres
 #ifdef SBL_SPECULAR
 uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres
-uniform sampler2D sample_specular;          // albedo of the lobe
+uniform sampler2D sample_specular;          // albedo of the specular lobe
 #endif
 uniform sampler2D positions, normals;       // at pixel centres
 uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
-uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels
-uniform sampler2D previous;                 // sum of the samples before, each times `share`
+uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels
+uniform sampler2D previous;                 // sum of the previous samples, each times `share`
 uniform int has_previous;                   // 0: this is the first sample
 uniform float share;                        // 1 / number of samples per pixel
 layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
-uniform sampler2D previous_display;         // like `previous`, of what the screen shows
+uniform sampler2D previous_display;         // like `previous`, for the colour on the screen
 uniform vec3 backdrop;                      // sbl_picture_desc.backdrop
-uniform float first_row;                    // number of the whole picture's rows that lie above this part
-uniform float height;                       // number of all rows of the whole picture
-const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture
+uniform float first_row;                    // index in the whole picture of this part's first row
+uniform float height;                       // number of rows of the whole picture
+const float SBL_BACKDROP_TOP = 0.3;         // factor of the backdrop at the upper edge of the picture
 layout(location = 1) out vec4 out_display;
 #endif
 
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
-const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
-const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
-const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals
+const float SBL_NEAR_ENOUGH = 0.05;     // smallest sum of weights at which the four nearest pixels suffice
+const float SBL_SAME_ID = 1e-3;         // weight of a pixel that has the same id, but does not belong to the
+                                        // surface
+const float SBL_OTHER_ID = 0.01;        // if no pixel has the sample's id, the weight is this + cosine of normals
 
 // Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight
-// is too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
-// light: R or another light at pixel centres
+// is too small, from pixels with its id within SBL_REACH; if none has its id, from all surfaces there; otherwise
+// 0. light: R or another light at pixel centres
 vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
     ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;
@@ -73,7 +74,7 @@ void main() {
         color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
 #ifdef SBL_SPECULAR
         light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);
-        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make it negative
+        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make light negative
 #endif
     }
     out_color = before + share * vec4(color, 1);

@@ -1,10 +1,11 @@
-// The scene's triangles and textures.
-uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle
-uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column
-                                     // n % width of the table, n / width rows below the texture's first row.
-uniform sampler2D sbl_texels_float;  // texel table, 16-bit floats, of all textures that are not 8-bit sRGB
+// The triangles and textures of the scene
+uniform sbl_Texels sbl_indices;      // three vertex indices per triangle
+uniform sampler2D sbl_texels_srgb;   // texels of all 8-bit sRGB textures, one after the other. Texel n of a
+                                     // texture is in column n % width of the table, n / width rows below the
+                                     // texture's first row
+uniform sampler2D sbl_texels_float;  // texels of all other textures, as 16-bit floats
 
-// Vertex numbers of a triangle of the scene.
+// Returns the vertex indices of a triangle of the scene.
 ivec3 sbl_corners(int triangle) {
     return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),
                  int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));
@@ -19,7 +20,8 @@ vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba 
 vec4 sbl_texel(uvec4 entry, ivec2 at) {
     ivec2 size = ivec2(entry.yz);
     if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));
-    at = clamp(at, ivec2(0), size - 1);  // also for far repeats: the quotient above may be rounded up
+    at = clamp(at, ivec2(0), size - 1);  // needed for textures that repeat, too: the quotient above may be rounded
+                                         // up
     bool srgb = (entry.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
     int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;
@@ -27,8 +29,8 @@ vec4 sbl_texel(uvec4 entry, ivec2 at) {
     return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);
 }
 
-// Reads a texture with bilinear filtering of linear values. entry: first row in the texel table, width, height,
-// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel
+// Samples a texture bilinearly, in linear colour space. entry: first row in the table of texels, width, height,
+// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel
 vec4 sbl_texture(uvec4 entry, vec2 uv) {
 #if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
     if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);

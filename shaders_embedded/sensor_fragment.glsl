@@ -1,22 +1,22 @@
 // Writes a texel of a sensor's view.
-layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);
-                                             // distance along the view's axis in scene extents, < 0: back face
+layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor (Ck of the paper); a: distance
+                                             // along the view's axis in scene extents, negative for a back face
 in vec3 clip;                               // x, y and w of the position in clip space
-uniform vec2 view_texture_size;              // texels
+uniform vec2 view_texture_size;              // in texels
 uniform float radiance_scale;
-uniform int first_triangle;                  // number of the first triangle of the draw call
+uniform int first_triangle;                  // index of the draw call's first triangle
 flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;
 in vec4 fragment_color;
 in vec3 fragment_way, fragment_position;
 
-const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene
-const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, texels
-const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z for rounding
+const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in scene extents
+const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, in texels
+const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * clip.z, for rounding errors
 
-// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
-// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.
+// Returns false for fragments at wrong positions. A triangle whose plane contains the sensor projects to a line;
+// rounding may turn the line into a triangle anywhere, even in the views of other sensors.
 bool sbl_seen_here() {
     vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;
     vec2 beside = abs(clip.xy - at * clip.z) * 0.5 * view_texture_size;

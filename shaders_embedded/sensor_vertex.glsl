@@ -1,22 +1,25 @@
-// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.
+// Draws the scene into the views of many sensors. Each instance is a view, clipped to its part of the view
+// texture.
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
 layout(location = 4) in vec3 view_eye;      // position of the sensor
-layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space
-layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space
-layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon
+layout(location = 5) in vec4 view_right;    // xyz: unit vector to the right / tan(fov / 2); w: scale of x in clip
+                                            // space
+layout(location = 6) in vec4 view_up;       // xyz: unit vector up / tan(fov / 2); w: scale of y in clip space
+layout(location = 7) in vec4 view_forward;  // xyz: unit vector; w: lowest y: -1, or 0 if the view begins at the
+                                            // horizon
 layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis
 uniform float per_length;                   // 1 / extent of the scene
 uniform float radiance_scale;
 out vec3 clip;                              // x, y and w of gl_Position
 flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
-flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined
+flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
 out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
-out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface, world space
+out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface in world space
 
 void main() {
     int number = int(object);

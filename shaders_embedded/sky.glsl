@@ -1,31 +1,31 @@
-// The environment (see sbl_environment). Its picture is in equirectangular projection.
+// The environment (see sbl_environment). The picture has an equirectangular projection.
 uniform sampler2D sky_picture;
-uniform vec3 sky;                   // constant radiance from all directions, added to the picture's
+uniform vec3 sky;                   // constant radiance from all directions, added to that of the picture
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
                                     // the excess; 0: no picture
 
-// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
+// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
     vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);
     float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);
     return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);
 }
 
-// Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;
-// z: cosine of the angle between the direction and sky_up
+// Inverse of sbl_sky_at: returns the world direction for a position in the picture. across: 0 to 1 from left to
+// right; z: cosine of the angle between the direction and sky_up
 vec3 sbl_sky_direction(float across, float z) {
     float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
     return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;
 }
 
-// Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.
+// Returns the fraction of a texel's radiance, 0 to 1, that exceeds the limit, so that lamps.glsl samples it.
 float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
-// Radiance that a ray finds if it hits nothing. met: share of the light that lamps.glsl could sample
-// which the ray measures instead
+// Returns the radiance of a ray that hits nothing. met: MIS weight of the ray for radiance above the limit, which
+// lamps.glsl may sample, too
 vec3 sbl_sky(vec3 direction, float met) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {

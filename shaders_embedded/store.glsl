@@ -1,6 +1,6 @@
-// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.
+// The store of bounced light (see >>store in sbl.h): R (irradiance / pi) on surfaces, in cells.
 #ifdef SBL_BOUNCED
-// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.
+// The table sbl_store holds the patch words of all triangles, the hash table of cells, the cuts, and the leaves.
 uniform int first_cell;    // texel at which the hash table begins; each texel holds two buckets (check, reference)
 uniform int cell_mask;     // number of buckets in the hash table - 1
 uniform vec3 cell_origin;  // origin of the grid of cells
@@ -15,8 +15,8 @@ uint sbl_hash_step(uint hash, uint x) {
 // Returns true if rays of this length read the cells for near rays.
 bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }
 
-// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.
-// back: the back side is seen. distance: distance from which the position is seen.
+// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.
+// back: the ray sees the back of the triangle. distance: length of the ray that sees the position
 int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);
     uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));
@@ -26,7 +26,8 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     }
     if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    // Each level has cells for near and for far rays. Those for this distance are tried first.
+    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits
+    // `distance`.
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
@@ -51,12 +52,12 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// Returns R of a leaf; 0 if there is none. leaf: what sbl_leaf_at returns
+// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
-// Returns the R that lamps.glsl measures at a position: R of the leaf that rays from afar read there, if it is
-// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters; becomes that leaf, 0 if it is not
-// bright
+// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf that far rays read at this
+// position, if this leaf is bright, otherwise 0. leaf: result of sbl_leaf_at for the same parameters; it becomes
+// the bright leaf, or 0
 vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {
     for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)
         leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);
@@ -67,16 +68,16 @@ vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float dis
 }
 
 #ifdef SBL_GROUPS
-uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin, one texel per leaf and layer
+uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin; one texel per leaf and layer
 
-// Returns the part of a leaf's R that a light group causes; 0 if there is no leaf. leaf: what sbl_leaf_at returns
+// Returns the part of a leaf's R that a light group causes, or 0 if leaf is 0. leaf: result of sbl_leaf_at
 vec3 sbl_layer_of(int leaf, int layer) {
     int texel = first_layer + (leaf - 1) * SBL_GROUPS + layer;
     return leaf == 0 ? vec3(0) : uintBitsToFloat(sbl_fetch(sbl_store, texel).xyz);
 }
 #endif
 
-// Returns R at a position. The parameters are those of sbl_leaf_at.
+// Returns the stored R at a position. The parameters are those of sbl_leaf_at.
 vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     return sbl_light_of(sbl_leaf_at(number, back, position, distance));
 }

@@ -1,19 +1,20 @@
-// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a
-// large clipped triangle lie off its plane, so that a sensor there would see its own surface.
+// Computes surface points from a triangle's index and a ray. The rasteriser would interpolate positions that lie
+// off the plane of a large clipped triangle, and a sensor there would see its own surface.
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     sbl_Material material;
     vec3 emission;
-    float facet;                              // smallest of the triangle's three heights, world units
+    float facet;                              // smallest of the triangle's three heights, in world units
     float reach;                              // world distance of the first corner from 0 0 0, plus twice the
-                                              // longest side; rounding errors are in proportion to it
+                                              // longest side; rounding errors are proportional to it
     uint id;
     int object;
     bool back;                                // true: the ray sees the back of the triangle
 };
 
-// Least distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because views
-// need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the extent.
+// Smallest distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because
+// views need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the
+// extent.
 const float SBL_INSET = 6e-6;
 
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
@@ -25,8 +26,8 @@ sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);
 }
 
-// A triangle: vertex numbers, first corner, and the edges from there. size: largest absolute value of the edges'
-// components. s1, s2: edges divided by size, so that their cross product does not underflow
+// A triangle: vertex indices, first corner, and the two edges from there. size: largest absolute value of the
+// edges' components. s1, s2: edges divided by size, so that their cross product does not underflow
 struct sbl_Facet {
     ivec3 v;
     vec3 p0, e1, e2, s1, s2;
@@ -41,13 +42,14 @@ sbl_Facet sbl_facet(int triangle) {
 }
 
 #if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
-const float SBL_TANGENT_LEAST = 1e-6;  // least length of the x axis of tangent space before it is normalised
-const int SBL_NORMAL_POINTS = 8;  // largest number of points per side of a pixel at which normals are read
-vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates from one pixel to the next
-                                            // along x and y; 0: normals are read at one point
+const float SBL_TANGENT_LEAST = 1e-6;  // smallest length of the x axis of tangent space that can be normalised
+const int SBL_NORMAL_POINTS = 8;  // maximum number of points per side of a pixel at which the normal map is
+                                  // sampled
+vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates between adjacent pixels along x
+                                            // and y; 0: the normal map is sampled at one point
 
-// Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter
-// than 1 if these vectors differ.
+// Returns the mean of the unit normals that a normal map shows in the pixel around uv. The mean is shorter than 1
+// if the normals differ.
 vec3 sbl_normal_texel(int object, vec2 uv) {
     uvec4 entry = sbl_object_normal_texture(object);
     vec2 size = vec2(entry.yz);
@@ -63,8 +65,9 @@ vec3 sbl_normal_texel(int object, vec2 uv) {
     return sum / float(points.x * points.y);
 }
 
-// Returns v, a vector of tangent space, in world space. normal: axis z of tangent space. Axis x points where the
-// first texture coordinate increases, y where the second decreases. If x is not defined, returns the normal.
+// Transforms v from tangent space to world space. normal: z axis of tangent space. The x axis points where the
+// first texture coordinate increases, y where the second decreases. Returns the normal if the x axis is not
+// defined.
 vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     vec2 uv[3];
     for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));
@@ -82,18 +85,19 @@ vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;
 }
 
-// Returns the normal of a surface that has a texture of normals. It points to the same side as the interpolated
-// normal. normal: interpolated normal, of any length; mean: result of sbl_normal_texel
+// Returns the normal-mapped shading normal, not normalised, at least SBL_GRAZING above the triangle's plane, on
+// the side that the interpolated normal points to. normal: interpolated normal, of any length; face: unit
+// geometric normal; mean: result of sbl_normal_texel
 vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {
     normal = sbl_unit_normal(normal, face);
     vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));
     vec3 side = dot(normal, face) < 0.0 ? -face : face;
-    float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface
+    float below = SBL_GRAZING - dot(tilted, side);  // positive: the normal points below the surface
     return tilted + max(below, 0.0) * side;
 }
 #endif
 
-// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
+// Returns the surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
 sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     int object = int(sbl_vertex_object(f.v.x));
     float b0 = 1.0 - b1 - b2;
@@ -102,13 +106,13 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);
     vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
     float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
-    // shorter vectors are scaled first, because their squared length may underflow in normalize
+    // short vectors are scaled first, because their squared length may underflow in normalize
     vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
     s.facet = f.size * length(across) / longest;
     s.reach = length(f.p0) + 2.0 * f.size * longest;
-    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of
-    // the other surface, and see past it.
+    // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the
+    // other surface, and see past it.
     vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);
     for (int k = 0; k < 3; k++) {
         float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;
@@ -135,15 +139,15 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     return s;
 }
 
-// Barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule (Moeller and
-// Trumbore 1997). z: 0 if the ray does not meet the plane.
+// Returns barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule
+// (Moeller and Trumbore 1997). z: 0 if the ray does not meet the plane
 vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
     vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
     float determinant = dot(f.s1, h);
     return vec3(dot(t, h) / determinant, dot(direction, q) / determinant, abs(determinant) > 0.0 ? 1 : 0);
 }
 
-// The surface point where a ray meets a triangle.
+// Returns the surface point where a ray meets a triangle.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
     vec3 on_plane = sbl_on_plane(f, origin, direction);
@@ -153,7 +157,7 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
 }
 
 #if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
-// Texture coordinates where a ray meets a triangle's plane.
+// Returns the texture coordinates where a ray meets a triangle's plane.
 vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
     vec3 b = sbl_on_plane(f, origin, direction);
     return b.z == 0.0 ? vec2(0) : sbl_mix_attributes(f.v, vec3(1.0 - b.x - b.y, b.xy)).uv;
@@ -161,7 +165,7 @@ vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
 #endif
 
 #ifdef SBL_LIGHTMAP
-// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).
+// Returns the surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).
 sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
     sbl_Facet f = sbl_facet(triangle);
     vec3 face = normalize(cross(f.s1, f.s2));

@@ -1,5 +1,5 @@
-// Precedes the files of every shader. Before it come the #defines of the program's features and of the constants
-// that C shares; after it come the functions that read records (see >>records in sbl.h). Tables that grow with the
+// This text precedes the files of every shader. The #defines of the program's features and shared constants
+// precede this text; the functions that read records follow it (see >>records in sbl.h). Tables that grow with the
 // scene are buffer textures or, if they exceed the driver's limit, 2D textures (see sbl__table_attach).
 #ifdef SBL_WIDE
 #define sbl_Texels usampler2D
@@ -9,6 +9,6 @@
 #define sbl_fetch(texels, i) texelFetch(texels, i)
 #endif
 
-// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop
-// when no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or it
-// depends on a feature.
+// Software renderers run many invocations in lockstep. They execute both branches of an if, and the body of a loop
+// at least once, but they leave a loop when no invocation is in it. Expensive code that is rarely needed is
+// therefore written as a loop of 0 or 1 iterations, or is compiled only for a feature.

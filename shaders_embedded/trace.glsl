@@ -1,46 +1,46 @@
-// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.
-// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and
+// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
+// outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and
 // out_hits.z is SBL_LOST if rays were lost.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
-uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them
+uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
-uniform float ray_length;             // rays end here and see the sky
-uniform float distance_limit;         // larger distances of hits count as this distance in the mean
+uniform float ray_length;             // rays end at this length and see the sky
+uniform float distance_limit;         // in the mean distance, larger distances count as this one
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
 SBL_OUT_LAYERS(2, 3, 4, 5, 6, 7)
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus
-                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean
+SBL_OUT(5, out_even);                 // control variate, for radiance 1 from everywhere: the exact harmonics minus
+                                      // those that these rays measure. reduce_sum.glsl adds it, times the mean
                                       // radiance, to the measured harmonics
 #endif
 
 const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
-// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to
-// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
+// sbl_is_near gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a
+// cell are near. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
-// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average
+// For rays of a lobe, the factor is at most this times the lobe's alpha, because a narrow lobe does not average
 // over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
-float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
+float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows
 
 #ifdef SBL_GROUPS
 uniform int sky_layer;          // layer of the sky
 vec3 layers[SBL_GROUPS];        // sum of the rays' light, by layer
-vec3 carried;                   // share of the light at the current hit that the ray carries to the sensor
+vec3 carried;                   // throughput of the ray up to the current hit
 
 void sbl_add_layer(int layer, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] += g == layer ? light : vec3(0);
 }
 
 #ifdef SBL_BOUNCED
-// Adds `factor` times the layers of a leaf. leaf: what sbl_leaf_at returns
+// Adds `factor` times the layers of a leaf. leaf: result of sbl_leaf_at
 void sbl_add_stored(int leaf, vec3 factor) {
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] += factor * sbl_layer_of(leaf, g);
 }
@@ -51,11 +51,10 @@ const int sky_layer = 0;
 #define sbl_add_stored(leaf, factor)
 #endif
 
-// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, the function also adds `carried` times
-// that radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true
-// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only
-// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;
-// later segments find it.
+// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
+// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the
+// hit is near; the radiance then lacks all reflected light, which further rays find. material: set only with
+// SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -96,18 +95,18 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
     return radiance;
 }
 
-// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.
-// The value of a single ray near the horizon is far too noisy.
+// Returns the mean of 1 / cosine (to the normal) over the stratum of u; each of the look's rays has its own
+// stratum. The value of a single ray near the horizon would be far too noisy.
 float sbl_stratum_reciprocal(float u) {
     float n = float(rays), k = n - floor(u * n);
     return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light
-// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near
-// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the
-// bounced light. The last segment reads the store at any distance.
+// Maximum number of segments of a ray. At near hits (see sbl_is_near and SBL_FIRST_SCALE), the mean light of the
+// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract
+// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced
+// light. The last segment reads the store at any distance.
 const int SBL_LEGS = 3;
 #else
 const int SBL_LEGS = 1;
@@ -136,7 +135,7 @@ void main() {
 #ifdef SBL_GROUPS
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);
 #endif
-    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL; so does the variable `even`
+    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
     vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
@@ -164,7 +163,7 @@ void main() {
 #ifdef SBL_BOUNCED
         sbl_Reflection next;
 #endif
-        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
+        // Even iterations trace the segments of the ray; odd iterations trace rays from near hits to lamps.
         int turns = 2 * SBL_LEGS - 1;
 #ifdef SBL_LOBE
         if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon

@@ -1,16 +1,16 @@
 // Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).
-uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record number 0
+uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record 0
 uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
 const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one
-const float SBL_PASSED = 0.9999;     // boxes that a ray leaves before this * sbl_Ray.after are skipped
-const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place
-                                     // (Ize 2013, "Robust BVH Ray Traversal")
-const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error
+const float SBL_PASSED = 0.9999;     // skips boxes that a ray leaves before this * sbl_Ray.after
+const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last
+                                     // place (Ize 2013, "Robust BVH Ray Traversal")
+const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error
 const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test
 
-// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
+// Returns the attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 #ifdef SBL_TEXTURED
     ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));
@@ -30,21 +30,20 @@ sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 
 struct sbl_Hit {
     float distance;   // in units of the direction's length
-    int triangle;     // number in sbl_triangles; negative: nothing was hit
-    int number;       // the triangle's number in the scene
+    int triangle;     // index in sbl_triangles; negative: the ray hit nothing
+    int number;       // index of the triangle in the scene
     float b1, b2;     // barycentrics of the second and third corner
     bool back;
 };
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if
-// the ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The
-// ray may enter the box exactly at `nearest`: if two triangles lie at the same distance, the ray hits the one
-// with the lower number. All distances are the bits of floats. As integers, the bits of positive floats have
-// the same order as the floats, and those of negative floats are negative. per: distance along the ray per
-// grid step. offset: distance along the ray of the grid's origin. flip: tells for each axis whether the ray's
-// direction is negative
+// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the
+// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may
+// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index.
+// All distances are the bits of floats: as integers, the bits of positive floats have the same order as the
+// floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:
+// distance along the ray of the grid's origin. flip: for each axis, true if the ray's direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
@@ -54,21 +53,21 @@ int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int neares
     return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;
 }
 
-// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the
-// direction's largest component becomes z, and space is sheared so that the ray follows z.
+// A ray, prepared for triangle tests that are watertight at shared edges (Woop, Benthin and Wald 2013). The axis
+// of the direction's largest component becomes z, and space is sheared so that the ray is parallel to z.
 struct sbl_Ray {
     vec3 origin;
     int axis;
     vec2 shear;
-    float z, per_z;  // the direction's component along the axis, and its reciprocal
-    float after;     // hits at a lower distance are ignored
-    int past;        // hits at the distance `after` are ignored if the triangle's number is at most this
+    float z, per_z;  // component of the direction along the axis, and its reciprocal
+    float after;     // hits at a smaller distance are ignored
+    int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this
 };
 
 vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
 
-// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,
-// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.
+// Returns four times the signed area of the triangle that an edge and the ray form. The two equal terms make the
+// result for (b, a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.
 float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }
 
 void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
@@ -83,9 +82,9 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;
     bool inside = (front || back) && determinant != 0.0;
     float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;
-    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A
-    // hit nearer than SBL_SELF_DEEP * deep counts only if its distance is larger than the rounding error,
-    // which is larger for thin triangles.
+    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the triangle where the ray
+    // starts. A hit closer than SBL_SELF_DEEP * deep counts only if its distance exceeds the rounding error, which
+    // is larger for thin triangles.
     float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));
     float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));
     inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;
@@ -94,8 +93,8 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
-// Returns the first hit after (after, past) at a distance below `limit`; if there is none, its triangle is -1.
-// Hits are ordered by distance and, at the same distance, by the number of their triangle.
+// Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.
+// Hits are ordered by distance and, at the same distance, by the index of their triangle.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
@@ -111,9 +110,10 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.
+    // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and
+    // share the counter. On softpipe, these loops do not terminate without a limit.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
-        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first
+        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, first into the nearer child
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);
             int a = sbl_box(first, per, offset, flip, passed, nearest);
@@ -142,15 +142,15 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
-// What a ray does at surfaces that let light pass.
-const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided
-                               // by the probability
-const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light
+// How a ray interacts with surfaces that transmit light
+const int SBL_RAY_PATH = 0;    // Russian roulette: the ray passes or stops; sbl_tint is the transmitted fraction
+                               // divided by the probability
+const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the transmitted fraction
 const int SBL_RAY_SOLID = 2;   // the ray stops
 vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
 
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
-// Returns true if the ray passes the surface that it meets. Multiplies sbl_tint.
+// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint.
 bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
@@ -168,8 +168,8 @@ bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
 }
 #endif
 
-// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.
-// kind: SBL_RAY_PATH and so on
+// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES), or triangle -1. kind:
+// SBL_RAY_PATH and so on
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
     bool solid = false;

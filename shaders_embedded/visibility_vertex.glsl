@@ -1,6 +1,7 @@
 // Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at the far end.
 uniform vec3 eye;
-uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip space, for positions relative to the eye
+uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of the matrix from world to clip space, for positions
+                                              // relative to the eye
 flat out int triangle;
 
 void main() {
