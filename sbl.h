@@ -1998,10 +1998,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
-       its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
-       call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then for each
-       job a loop that makes its sites, and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and declare the
-       descriptor and the two functions in the interface.
+       its functions and its table of stages, in which a loop over many items is a row with iterate and count. The
+       stages call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then
+       for each job a loop that makes its sites, and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and
+       declare the descriptor and the two functions in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -3831,7 +3831,7 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 typedef struct sbl__slice {
     double end;      /* when the slice ends, on the clock of sbl__now; DBL_MAX: no limit */
     double longest;  /* longest allowed time of a submission, in seconds */
-    int turns;       /* iterations of loops on the CPU since the clock was last read */
+    int iterations;  /* iterations of loops on the CPU since the clock was last read */
 } sbl__slice;
 
 /* Begins a slice. seconds: length of the slice; 0 or less: no limit */
@@ -3842,8 +3842,8 @@ static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
 
 /* Loops on the CPU call this in each iteration. Every 64th call returns 1 if the slice is over; all others return 0. */
 static int sbl__late(sbl__slice *s) {
-    if (++s->turns < 64) return 0;
-    s->turns = 0;
+    if (++s->iterations < 64) return 0;
+    s->iterations = 0;
     return sbl__now() >= s->end;
 }
 
@@ -3897,12 +3897,12 @@ static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units
 
 /* >>device: stages. Long work is a list of stages, and each stage is done in pieces that fit into a slice. A table has
    one row per stage, in the order of execution. A stage is a function `piece`, which does one piece per call, or a
-   loop, which calls `turn` for each of many small items. A loop may have a `piece` too, which runs whenever the loop
+   loop, which calls `iterate` for each of many small items. A loop may have a `piece` too, which runs whenever the loop
    starts or continues. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does a piece; SBL_UNFINISHED: call it again. May be NULL */
     int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
-    sbl_result (*turn)(void *work, int at);              /* does iteration `at` of a loop; NULL: the stage is no loop */
+    sbl_result (*iterate)(void *work, int at);           /* does iteration `at` of a loop; NULL: the stage is no loop */
     int (*count)(void *work);                            /* returns the number of iterations of the loop; called again
                                                             before each iteration */
 } sbl__stage_row;
@@ -3920,9 +3920,9 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     if (s->stage < row_count) {
         const sbl__stage_row *row = &table[s->stage];
         sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
-        for (; row->turn && s->at < row->count(work) && result == SBL_SUCCESS; s->at++) {
+        for (; row->iterate && s->at < row->count(work) && result == SBL_SUCCESS; s->at++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            result = row->turn(work, s->at);
+            result = row->iterate(work, s->at);
         }
         if (result != SBL_SUCCESS) return result;
         s->stage = row->next ? row->next(work) : s->stage + 1;
@@ -6531,16 +6531,16 @@ static const char *const sbl__glsl_traverse[] = {
 "    int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this\n",
 "};\n",
 "\n",
-"vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
+"vec3 sbl_permute(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
 "// Returns four times the signed area of the triangle that an edge and the ray form. The two equal terms make the\n",
 "// result for (b, a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
 "float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
 "\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
-"    vec3 p = sbl_turn(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);\n",
-"    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
-"    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
+"    vec3 p = sbl_permute(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);\n",
+"    vec3 q = sbl_permute(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
+"    vec3 r = sbl_permute(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
 "    int number = int(sbl_triangle_number(triangle));\n",
 "    p.xy -= ray.shear * p.z;\n",
 "    q.xy -= ray.shear * q.z;\n",
@@ -6566,7 +6566,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
 "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
-"    vec3 d = sbl_turn(direction, axis);\n",
+"    vec3 d = sbl_permute(direction, axis);\n",
 "    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);\n",
 "\n",
 "    bvec3 flip = lessThan(direction, vec3(0));\n",
@@ -6579,8 +6579,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
 "    // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and\n",
 "    // share the counter. On softpipe, these loops do not terminate without a limit.\n",
-"    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, first into the nearer child\n",
+"    for (int iterations = 4 * node_count + 4; iterations > 0; iterations--) {\n",
+"        for (; node < SBL_LEAF && iterations > 0; iterations--) {  // descends, nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, passed, nearest);\n",
@@ -8032,7 +8032,7 @@ static const char *const sbl__glsl_surface[] = {
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // smallest of the triangle's three heights, in world units\n",
+"    float least_height;                       // smallest of the triangle's three heights, in world units\n",
 "    float reach;                              // world distance of the first corner from 0 0 0, plus twice the\n",
 "                                              // longest side; rounding errors are proportional to it\n",
 "    uint id;\n",
@@ -8103,8 +8103,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float size = max(max(abs(a.x), abs(a.y)), max(abs(b.x), abs(b.y)));\n",
 "    a /= max(size, SBL_DIVISOR_LEAST);\n",
 "    b /= max(size, SBL_DIVISOR_LEAST);\n",
-"    float turn = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;\n",
-"    vec3 x = turn * (b.y * f.s1 - a.y * f.s2), y = turn * (b.x * f.s1 - a.x * f.s2);\n",
+"    float handedness = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;\n",
+"    vec3 x = handedness * (b.y * f.s1 - a.y * f.s2), y = handedness * (b.x * f.s1 - a.x * f.s2);\n",
 "    x -= dot(x, normal) * normal;\n",
 "    float along = length(x);\n",
 "    if (along < SBL_TANGENT_LEAST) return normal;\n",
@@ -8137,7 +8137,7 @@ static const char *const sbl__glsl_surface[] = {
 "    // short vectors are scaled first, because their squared length may underflow in normalize\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
-"    s.facet = f.size * length(across) / longest;\n",
+"    s.least_height = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
 "    // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the\n",
 "    // other surface, and see past it.\n",
@@ -9149,7 +9149,7 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* positions in the whole map, in texels */
-    double area;           /* twice the signed area, in square texels */
+    double twice_area;     /* twice the signed area, in square texels */
     uint32_t number, chart;  /* chart: SBL__NONE if the triangle is loaded after the atlas was drawn */
     int rows[2];           /* first and last row of the working grid that the triangle touches, as rows of the map;
                               none: last < first */
@@ -9179,7 +9179,7 @@ static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_tri
         for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * a->window.whole[k];
         sbl__extend(&low, &high, t->corners[i][1]);
     }
-    t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
+    t->twice_area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
               (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
     t->number = number;
     t->chart = a->parents ? a->parents[g->indices[3 * (size_t)number]] : SBL__NONE;
@@ -9205,10 +9205,11 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
    texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains `centre`. */
 static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
     double least = DBL_MAX;
-    int i, k, inside = t->area != 0, well = 1;
+    int i, k, inside = t->twice_area != 0, well = 1;
     for (i = 0; i < 3 && inside; i++) {
         const double *p = t->corners[(i + 1) % 3], *q = t->corners[(i + 2) % 3];
-        weights[i] = ((p[0] - centre[0]) * (q[1] - centre[1]) - (q[0] - centre[0]) * (p[1] - centre[1])) / t->area;
+        weights[i] = ((p[0] - centre[0]) * (q[1] - centre[1]) - (q[0] - centre[0]) * (p[1] - centre[1])) /
+                     t->twice_area;
         if (!(weights[i] >= 0)) inside = 0;
         if (weights[i] < SBL__ATLAS_INSIDE) well = 0;
     }
@@ -9324,7 +9325,7 @@ static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
         const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
         longest2 = SBL__MAX(longest2, (q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]));
     }
-    return fabs(t->area) <= SBL__ATLAS_LINE * longest2;
+    return fabs(t->twice_area) <= SBL__ATLAS_LINE * longest2;
 }
 
 /* Draws the rows of a triangle, from a->row on. Returns SBL_UNFINISHED if the slice ends before the last row. */
@@ -9336,7 +9337,7 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
         double normal[3];
         const double area = sbl__scene_normal(a->geometry, number, normal);
         a->world_area += area;
-        a->area += 0.5 * fabs(t.area);
+        a->area += 0.5 * fabs(t.twice_area);
         a->triangles++;
         a->degenerate += area > 0 && sbl__atlas_is_line(&t);
         sbl__atlas_warn_outside(a, &t);
@@ -9484,7 +9485,7 @@ typedef struct sbl__camera {
 } sbl__camera;
 
 /* a request to draw a G-buffer */
-typedef struct sbl__surface_job {
+typedef struct sbl__surface_request {
     const sbl__scene *scene;
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
@@ -9494,13 +9495,13 @@ typedef struct sbl__surface_job {
     int bounced;               /* 1: also write the stored R (bounced light), see gbuffer_fragment.glsl */
     int has_lobes;             /* 1: the G-buffer has the textures SBL__GBUFFER_LOBES; 0: all surfaces are matte */
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
-} sbl__surface_job;
+} sbl__surface_request;
 
 /* State of drawing a G-buffer. The textures are kept for the next G-buffer. */
 typedef struct sbl__surface {
     sbl__stages stages;        /* stages.at: index of the next triangle or row */
     sbl__device *device;
-    const sbl__surface_job *job;
+    const sbl__surface_request *job;
     int row;                   /* first row of the current band; each band draws all triangles again */
     sbl__texture triangles, depth;
     sbl__target visibility;
@@ -9821,7 +9822,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
-"const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
+"const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
@@ -9906,11 +9907,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    bool goes_on = true;\n",
 "    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
 "    // sbl_trace for each call, so both rays share one call.\n",
-"    for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {\n",
-"        bool is_aside = (turn & 1) == 0;\n",
+"    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {\n",
+"        bool is_aside = (iteration & 1) == 0;\n",
 "        if (is_aside) {\n",
 "            bool pane;\n",
-"            vec2 point = fract(sample_point + float(turn) * SBL_TURN_STEP);\n",
+"            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
 "            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
@@ -9991,7 +9992,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "        if (facet_limit > 0.0 && !smooth_normal)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
-"                                     clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
+"                                     clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
 "#endif\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);\n",
@@ -10080,7 +10081,7 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
 /* Computes the surface points of as many rows as the slice allows. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
-    const sbl__surface_job *job = s->job;
+    const sbl__surface_request *job = s->job;
     sbl__device *d = s->device;
     const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
@@ -10115,7 +10116,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
 /* Calls the host's draw callback, if any, to draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
-    const sbl__surface_job *job = s->job;
+    const sbl__surface_request *job = s->job;
     const sbl__camera *c = job->camera;
     const sbl__target *target = &job->gbuffer->target;
     sbl_draw_view view;
@@ -10158,7 +10159,8 @@ static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.
 
 /* Does a piece of the work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS. The next call then
    starts a new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
-static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
+static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_request *job,
+                                    sbl__slice *slice) {
     static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
         { sbl__surface_triangles, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL },
@@ -10805,9 +10807,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// limit, every loop silently ends after its first iteration. The loop below has two iterations, and detects the\n",
 "// limit by ending after one. As `count` is a uniform, no compiler unrolls the loop.\n",
 "bool sbl_cut_short() {\n",
-"    int turns = 0, all = min(count, 1) + 1;\n",
-"    for (int i = 0; i < all; i++) turns++;\n",
-"    return turns < all;\n",
+"    int iterations = 0, all = min(count, 1) + 1;\n",
+"    for (int i = 0; i < all; i++) iterations++;\n",
+"    return iterations < all;\n",
 "}\n",
 "\n",
 "// Converts 32-bit fractions to a point in the unit square.\n",
@@ -10858,8 +10860,8 @@ static const char *const sbl__glsl_carrier[] = {
 /* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
    about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays, such as those through
    many holes, take many times more. A look whose loops were ended early has lost rays, see sbl__job_lost. */
-#define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* loop iterations per ray in addition to sbl__hierarchy.cost */
+#define SBL__LOOP_ITERATIONS 20000 /* maximum number of loop iterations per invocation, on average */
+#define SBL__RAY_ITERATIONS 20     /* loop iterations per ray in addition to sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
                                       lights */
 
@@ -10871,10 +10873,10 @@ typedef struct sbl__aim {
                                       estimate from one part of the look's rays; the mean of the texels is the result */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation, 1 to `limit`. turns: average number of loop iterations that all
-   rays together may take; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
-static int sbl__rays_most(const sbl__hierarchy *h, int turns, int limit, int divisor) {
-    const double most = SBL__MIN(turns / (h->cost + SBL__RAY_TURNS), (double)limit);
+/* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: average number of loop iterations that
+   all rays together may take; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
+static int sbl__rays_most(const sbl__hierarchy *h, int iterations, int limit, int divisor) {
+    const double most = SBL__MIN(iterations / (h->cost + SBL__RAY_ITERATIONS), (double)limit);
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
@@ -10955,7 +10957,7 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
 
 /* Returns the number of invocations that share a look's rays towards lamps, or 0 if looks have no such rays. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
-    const int most = sbl__rays_most(h, SBL__LOOP_TURNS, SBL__LAMP_CHUNK, spec->divisor);
+    const int most = sbl__rays_most(h, SBL__LOOP_ITERATIONS, SBL__LAMP_CHUNK, spec->divisor);
     const int chunk = spec->traced ? most : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
@@ -11023,7 +11025,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    ivec2 texel;               // texel: column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number\n",
 "                               // is -1\n",
-"    vec2 group;                // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)\n",
+"    vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)\n",
 "    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`\n",
 "    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share\n",
 "};\n",
@@ -11058,14 +11060,14 @@ static const char *const sbl__glsl_lamp[] = {
 "        l.corner -= position;\n",
 "        l.number = int(sbl_triangle_number(l.triangle));\n",
 "        vec3 normal = cross(l.side_1, l.side_2);\n",
-"        float off = dot(normal, l.corner);\n",
-"        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
-"        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
+"        float plane_distance = dot(normal, l.corner);  // times length(normal)\n",
+"        l.facing = plane_distance > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
+"        l.brightness = sbl_emission(object, l.facing.y == 1.0) / unit;\n",
 "        for (int i = 0; i < (l.glow ? 1 : 0); i++)\n",
-"            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;\n",
+"            l.brightness = plane_distance > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;\n",
 "        // Almost edge-on: no light. This excludes the sensor's own triangle, which rounding may lift above the\n",
 "        // horizon.\n",
-"        if (abs(off) < 0.5 * above * length(normal)) l.brightness = vec3(0);\n",
+"        if (abs(plane_distance) < 0.5 * above * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
 "        uint width = uint(textureSize(sky_picture, 0).x);\n",
@@ -11447,10 +11449,10 @@ static const char *const sbl__glsl_lamps[] = {
 "// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction\n",
 "// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
-"    float turn = sbl_look_rotation(look);\n",
+"    float rotation = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
-"    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];\n",
-"    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];\n",
+"    vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];\n",
+"    vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];\n",
 "    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
@@ -11474,7 +11476,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
 "        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at\n",
 "                                                                 // this texel\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // true: the shown surface and the lamp differ in\n",
+"        bool other_side = (shown < 0.0) != (l.facing.y == 1.0);  // true: the shown surface and the lamp differ in\n",
 "                                                                 // facing\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
@@ -11506,8 +11508,8 @@ static const char *const sbl__glsl_lamps[] = {
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
 "        vec3 part = light * sbl_lamp_share(l, g);\n",
-"        sums[g] += l.group.x * part;\n",
-"        sums[SBL_GROUPS + g] += l.group.y * part;\n",
+"        sums[g] += l.facing.x * part;\n",
+"        sums[SBL_GROUPS + g] += l.facing.y * part;\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -11573,9 +11575,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
 "        if (!point && sbl_has_closed_form(l)) {\n",
-"            whole += outerProduct(light, l.group);\n",
+"            whole += outerProduct(light, l.facing);\n",
 "            sbl_add_layers(whole_layers, l, light);\n",
-"            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
+"            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -11642,7 +11644,7 @@ static const char *const sbl__glsl_lamps[] = {
 "vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`\n",
 "#endif\n",
 "vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough\n",
-"vec2 bright = vec2(0), dark = vec2(0);        // by facing: number of unblocked and of blocked rays and rim samples\n",
+"vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of unblocked, of blocked rays and rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
 "#ifdef SBL_GROUPS\n",
@@ -11654,7 +11656,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
-"    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;\n",
+"    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction, unhindered = light;\n",
 "#ifdef SBL_LOBE\n",
 "    unhindered *= sbl_cosine_factor(s.direction);\n",
@@ -11668,13 +11670,13 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
 "    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
-"        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
-"        open += outerProduct(unhindered, l.group);\n",
+"        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
+"        open += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(open_layers, l, unhindered);\n",
-"        samples += l.group;\n",
+"        samples += l.facing;\n",
 "#ifdef SBL_LOBE\n",
 "        float weight = dot(unhindered, SBL_LUMINANCE);\n",
-"        lobe_squares += weight * weight * l.group;\n",
+"        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
 "    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
@@ -11691,8 +11693,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
 "    if (!point && (at_rim || !cluster)) {\n",
-"        if (hidden) dark += l.group;\n",
-"        else bright += l.group;\n",
+"        if (hidden) blocked += l.facing;\n",
+"        else unblocked += l.facing;\n",
 "    }\n",
 "    if (hidden || at_rim) return;\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
@@ -11704,7 +11706,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    mat3x4 harmonics = outerProduct(counts, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
 "    else if (directional && cluster) sampled_harmonics += harmonics;\n",
-"    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
+"    else if (directional) seen_harmonics[l.facing.y > 0.0 ? 1 : 0] += harmonics;\n",
 "    if (point) {\n",
 "        sure += light;\n",
 "        sbl_add_layers(sure_layers, l, light);\n",
@@ -11714,9 +11716,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(light, SBL_LUMINANCE);\n",
 "        squares += mean * mean;\n",
 "    } else {\n",
-"        seen += outerProduct(unhindered, l.group);\n",
+"        seen += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(seen_layers, l, unhindered);\n",
-"        lit += l.group;\n",
+"        lit += l.facing;\n",
 "#ifdef SBL_LOBE\n",
 "        vec3 rest = light - unhindered;\n",
 "        float mean = dot(rest, SBL_LUMINANCE);\n",
@@ -11740,7 +11742,7 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
-"    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
+"    bool disagree = dot(unblocked, blocked) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
 "                    (seen[1] != vec3(0) && seen[1] != open[1]);\n",
 "#ifdef SBL_LOBE\n",
 "    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // `sampled` corrects the closed forms\n",
@@ -12487,7 +12489,7 @@ typedef struct sbl__trace {
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_TURNS / 4, SBL__TRACE_CHUNK, spec->divisor);
+    const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_ITERATIONS / 4, SBL__TRACE_CHUNK, spec->divisor);
     const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
@@ -13907,7 +13909,7 @@ typedef struct sbl__hit {
     float position[3], distance;
     uint32_t side, leaf;
     uint16_t albedo[3];
-    uint8_t by_metal, firm;
+    uint8_t by_metal, current;
 } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
@@ -14418,7 +14420,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->side >> 1, 0);
     const size_t row = 6 * sizeof(float) * (size_t)b->core->scene.light_groups;
-    double normal[3], off = 0;
+    double normal[3], plane_distance = 0;
     int k;
     if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points)) return 0;
     point = &b->points[b->point_count++];
@@ -14432,8 +14434,8 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
         memset(sbl__point_layers(b, b->point_count - 1, 0), 0, row);
     }
     sbl__scene_normal(b->geometry, at->side >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
-    for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
+    for (k = 0; k < 3; k++) plane_distance += normal[k] * ((double)at->position[k] - corner[k]);
+    for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - plane_distance * normal[k]);
     return 1;
 }
 
@@ -14473,7 +14475,7 @@ static int sbl__points_most(const sbl__bounce *b, const sbl__hit *at, int leaf) 
    hit was found in it, and the leaf has all its points. */
 static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int number) {
     const int leaf = (int)hit->leaf;
-    return hit->firm && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
+    return hit->current && number / SBL__BOUNCE_RAYS >= b->states[leaf].cut && leaf < b->cut_leaves &&
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
@@ -14488,7 +14490,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     int leaf, added, ok = 1;
     if (at->side == SBL__NOWHERE) return SBL_SUCCESS;
     if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
-    at->firm = 0;
+    at->current = 0;
     if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->side >> 1))
         return SBL_SUCCESS;
     reference = sbl__hit_find(b, at, &word);
@@ -14504,7 +14506,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
-    at->firm = word == sbl__hit_word(s, at);  /* a leaf of a wider level may later be replaced by one of this level */
+    at->current = word == sbl__hit_word(s, at);  /* a leaf of a wider level may be replaced by one of this level */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -14953,10 +14955,10 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     for (; hit < end; hit++) {
         const uint32_t *reference;
         uint32_t word;
-        if (hit->firm && !b->states[hit->leaf].cut) continue;
+        if (hit->current && !b->states[hit->leaf].cut) continue;
         reference = hit->side == SBL__NOWHERE ? NULL : sbl__hit_find(b, hit, &word);
         hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-        hit->firm = hit->leaf != SBL__NOWHERE && word == sbl__hit_word(b->store, hit);
+        hit->current = hit->leaf != SBL__NOWHERE && word == sbl__hit_word(b->store, hit);
     }
     return SBL_SUCCESS;
 }
@@ -17571,7 +17573,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
     const float share = (float)looks / (float)(s->looks + looks);
-    const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
+    const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
     const float *found = r->reading_layers + r->harmonics * (size_t)at;
     size_t i;
@@ -17579,7 +17581,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
     for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
     s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
-    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, off * off);
+    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
     s->looks += looks;
     r->looks_taken += looks;
     s->queued = 0;
@@ -19422,7 +19424,7 @@ typedef struct sbl__map {
 #define SBL__MAP_SHARE 0.55f      /* progress at which R is developed if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 30000.0     /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
+#define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
                                      the store. A root, because most sensors are at edges. The time was 0.5 to 2 times
                                      this in most of 60 random rooms */
 #define SBL__MAP_LOOKS 0.7        /* typical number of looks per pixel, for work that does not fill the store */
@@ -19620,11 +19622,11 @@ static int sbl__map_after_prepare(void *work) {
     return SBL__MAP_SURFACE;
 }
 
-/* Draws a piece of a G-buffer. Returns SBL_SUCCESS when it is complete. sample, offset: see sbl__surface_job */
+/* Draws a piece of a G-buffer. Returns SBL_SUCCESS when it is complete. sample, offset: see sbl__surface_request */
 static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int sample, const float offset[2],
                                         sbl__slice *slice) {
     sbl__core *c = m->work.core;
-    sbl__surface_job job;
+    sbl__surface_request job;
     job.scene = &c->scene;
     job.camera = &m->camera;
     job.gbuffer = g;
@@ -19860,8 +19862,8 @@ static double *sbl__map_seconds(const void *work) {
 }
 
 /* Estimates the seconds until refinement ends, including those until the store is full. Before the first look, assumes
-   the typical time of refinement (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, mixes the
-   rest of the typical time with the time of the looks that errors demand, whose weight is expected_sure. */
+   the typical time of refinement (SBL__MAP_TYPICAL), or 1e9 s if the work has traced no ray of the store. Later, mixes
+   the rest of the typical time with the time of the looks that errors demand, whose weight is expected_sure. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -19872,7 +19874,7 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     const double filling = bounce > 0 ? bounce * (1 / stored - 1) : 0;
     const double ray = rays > 0 ? bounce * SBL__MIN(1, SBL__BOUNCE_CAST / stored) / rays : 0;
     const double spent = stats->seconds.gather + stats->seconds.refine - m->paced_from[0];
-    double usual = SBL__MAP_RAYS * sqrt(pixels) * ray, demanded;
+    double usual = SBL__MAP_TYPICAL * sqrt(pixels) * ray, demanded;
     if (m->work.stages.stage < SBL__MAP_REFINE || !(taken > 0)) return filling + (usual > 0 ? usual : 1e9);
     if (!(usual > 0)) usual = SBL__MAP_LOOKS * pixels * spent / taken;
     usual = SBL__MAX(usual - SBL__MAP_SPENT * spent, SBL__MAP_LEAST * usual);
@@ -22681,7 +22683,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
     sbl__camera camera;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
-    sbl__surface_job job;
+    sbl__surface_request job;
     sbl_picture_desc view;
     sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, 0);
     if (result == SBL_SUCCESS)

@@ -15,9 +15,9 @@ const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their rec
 // limit, every loop silently ends after its first iteration. The loop below has two iterations, and detects the
 // limit by ending after one. As `count` is a uniform, no compiler unrolls the loop.
 bool sbl_cut_short() {
-    int turns = 0, all = min(count, 1) + 1;
-    for (int i = 0; i < all; i++) turns++;
-    return turns < all;
+    int iterations = 0, all = min(count, 1) + 1;
+    for (int i = 0; i < all; i++) iterations++;
+    return iterations < all;
 }
 
 // Converts 32-bit fractions to a point in the unit square.

@@ -38,7 +38,7 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
-const vec2 SBL_TURN_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
+const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
@@ -123,11 +123,11 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     bool goes_on = true;
     // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
     // sbl_trace for each call, so both rays share one call.
-    for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {
-        bool is_aside = (turn & 1) == 0;
+    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {
+        bool is_aside = (iteration & 1) == 0;
         if (is_aside) {
             bool pane;
-            vec2 point = fract(sample_point + float(turn) * SBL_TURN_STEP);
+            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
             if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
@@ -208,7 +208,7 @@ void main() {
 #endif
         if (facet_limit > 0.0 && !smooth_normal)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
-                                     clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
+                                     clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
 #endif
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
         sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);

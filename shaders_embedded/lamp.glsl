@@ -25,7 +25,7 @@ struct sbl_Lamp {
     ivec2 texel;               // texel: column and row in the environment's picture
     int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number
                                // is -1
-    vec2 group;                // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)
+    vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)
     bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
     int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share
 };
@@ -60,14 +60,14 @@ sbl_Lamp sbl_lamp(int leaf) {
         l.corner -= position;
         l.number = int(sbl_triangle_number(l.triangle));
         vec3 normal = cross(l.side_1, l.side_2);
-        float off = dot(normal, l.corner);
-        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
-        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
+        float plane_distance = dot(normal, l.corner);  // times length(normal)
+        l.facing = plane_distance > 0.0 ? vec2(0, 1) : vec2(1, 0);
+        l.brightness = sbl_emission(object, l.facing.y == 1.0) / unit;
         for (int i = 0; i < (l.glow ? 1 : 0); i++)
-            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;
+            l.brightness = plane_distance > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;
         // Almost edge-on: no light. This excludes the sensor's own triangle, which rounding may lift above the
         // horizon.
-        if (abs(off) < 0.5 * above * length(normal)) l.brightness = vec3(0);
+        if (abs(plane_distance) < 0.5 * above * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
         uint width = uint(textureSize(sky_picture, 0).x);

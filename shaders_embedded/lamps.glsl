@@ -76,10 +76,10 @@ const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden co
 // Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction
 // of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
-    float turn = sbl_look_rotation(look);
+    float rotation = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
-    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];
-    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];
+    vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];
+    vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];
     vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
     vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
     vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
@@ -103,7 +103,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
         float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at
                                                                  // this texel
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // true: the shown surface and the lamp differ in
+        bool other_side = (shown < 0.0) != (l.facing.y == 1.0);  // true: the shown surface and the lamp differ in
                                                                  // facing
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
@@ -135,8 +135,8 @@ vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for f
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
         vec3 part = light * sbl_lamp_share(l, g);
-        sums[g] += l.group.x * part;
-        sums[SBL_GROUPS + g] += l.group.y * part;
+        sums[g] += l.facing.x * part;
+        sums[SBL_GROUPS + g] += l.facing.y * part;
     }
 }
 #else
@@ -202,9 +202,9 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
         if (!point && sbl_has_closed_form(l)) {
-            whole += outerProduct(light, l.group);
+            whole += outerProduct(light, l.facing);
             sbl_add_layers(whole_layers, l, light);
-            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
+            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
         }
     }
     if (strength > 0.0) {
@@ -271,7 +271,7 @@ float squares = 0.0;                          // sum of the squared luminances o
 vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`
 #endif
 vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough
-vec2 bright = vec2(0), dark = vec2(0);        // by facing: number of unblocked and of blocked rays and rim samples
+vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of unblocked, of blocked rays and rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
 #ifdef SBL_GROUPS
@@ -283,7 +283,7 @@ bool reporting;                               // true: sbl_shoot reports its ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
-    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;
+    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;
     vec3 light = s.light / p.share, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
     unhindered *= sbl_cosine_factor(s.direction);
@@ -297,13 +297,13 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (!(either.r + either.g + either.b > 0.0)) return;
     if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
-        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
-        open += outerProduct(unhindered, l.group);
+        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
+        open += outerProduct(unhindered, l.facing);
         sbl_add_layers(open_layers, l, unhindered);
-        samples += l.group;
+        samples += l.facing;
 #ifdef SBL_LOBE
         float weight = dot(unhindered, SBL_LUMINANCE);
-        lobe_squares += weight * weight * l.group;
+        lobe_squares += weight * weight * l.facing;
 #endif
     }
     if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
@@ -320,8 +320,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         report_way = vec4(point ? vec3(0) : to / away, p.leaf);
     }
     if (!point && (at_rim || !cluster)) {
-        if (hidden) dark += l.group;
-        else bright += l.group;
+        if (hidden) blocked += l.facing;
+        else unblocked += l.facing;
     }
     if (hidden || at_rim) return;
 #if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
@@ -333,7 +333,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     mat3x4 harmonics = outerProduct(counts, light);
     if (directional && point) sure_harmonics += harmonics;
     else if (directional && cluster) sampled_harmonics += harmonics;
-    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;
+    else if (directional) seen_harmonics[l.facing.y > 0.0 ? 1 : 0] += harmonics;
     if (point) {
         sure += light;
         sbl_add_layers(sure_layers, l, light);
@@ -343,9 +343,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         float mean = dot(light, SBL_LUMINANCE);
         squares += mean * mean;
     } else {
-        seen += outerProduct(unhindered, l.group);
+        seen += outerProduct(unhindered, l.facing);
         sbl_add_layers(seen_layers, l, unhindered);
-        lit += l.group;
+        lit += l.facing;
 #ifdef SBL_LOBE
         vec3 rest = light - unhindered;
         float mean = dot(rest, SBL_LUMINANCE);
@@ -369,7 +369,7 @@ float sbl_strata(float n) {
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
-    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
+    bool disagree = dot(unblocked, blocked) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
                     (seen[1] != vec3(0) && seen[1] != open[1]);
 #ifdef SBL_LOBE
     mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // `sampled` corrects the closed forms

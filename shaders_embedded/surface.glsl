@@ -4,7 +4,7 @@ struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     sbl_Material material;
     vec3 emission;
-    float facet;                              // smallest of the triangle's three heights, in world units
+    float least_height;                       // smallest of the triangle's three heights, in world units
     float reach;                              // world distance of the first corner from 0 0 0, plus twice the
                                               // longest side; rounding errors are proportional to it
     uint id;
@@ -75,8 +75,8 @@ vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     float size = max(max(abs(a.x), abs(a.y)), max(abs(b.x), abs(b.y)));
     a /= max(size, SBL_DIVISOR_LEAST);
     b /= max(size, SBL_DIVISOR_LEAST);
-    float turn = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;
-    vec3 x = turn * (b.y * f.s1 - a.y * f.s2), y = turn * (b.x * f.s1 - a.x * f.s2);
+    float handedness = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;
+    vec3 x = handedness * (b.y * f.s1 - a.y * f.s2), y = handedness * (b.x * f.s1 - a.x * f.s2);
     x -= dot(x, normal) * normal;
     float along = length(x);
     if (along < SBL_TANGENT_LEAST) return normal;
@@ -109,7 +109,7 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     // short vectors are scaled first, because their squared length may underflow in normalize
     vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
-    s.facet = f.size * length(across) / longest;
+    s.least_height = f.size * length(across) / longest;
     s.reach = length(f.p0) + 2.0 * f.size * longest;
     // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the
     // other surface, and see past it.

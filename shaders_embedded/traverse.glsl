@@ -64,16 +64,16 @@ struct sbl_Ray {
     int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this
 };
 
-vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
+vec3 sbl_permute(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
 
 // Returns four times the signed area of the triangle that an edge and the ray form. The two equal terms make the
 // result for (b, a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.
 float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }
 
 void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
-    vec3 p = sbl_turn(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);
-    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);
-    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);
+    vec3 p = sbl_permute(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);
+    vec3 q = sbl_permute(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);
+    vec3 r = sbl_permute(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);
     int number = int(sbl_triangle_number(triangle));
     p.xy -= ray.shear * p.z;
     q.xy -= ray.shear * q.z;
@@ -99,7 +99,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
     int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
-    vec3 d = sbl_turn(direction, axis);
+    vec3 d = sbl_permute(direction, axis);
     sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);
 
     bvec3 flip = lessThan(direction, vec3(0));
@@ -112,8 +112,8 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     uint node = node_count == 0 ? SBL_END : 1u;
     // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and
     // share the counter. On softpipe, these loops do not terminate without a limit.
-    for (int turns = 4 * node_count + 4; turns > 0; turns--) {
-        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, first into the nearer child
+    for (int iterations = 4 * node_count + 4; iterations > 0; iterations--) {
+        for (; node < SBL_LEAF && iterations > 0; iterations--) {  // descends, nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);
             int a = sbl_box(first, per, offset, flip, passed, nearest);

@@ -472,7 +472,7 @@ TEST(settled_hits_are_skipped) {
     b.hits.list = hits;
     for (i = 0; i < 3; i++) {
         hits[i].leaf = (uint32_t)i;
-        hits[i].firm = 1;
+        hits[i].current = 1;
     }
     CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
           "%d hits are queued", b.queue.count);
@@ -484,8 +484,8 @@ TEST(settled_hits_are_skipped) {
     hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
     hits[0].distance = 0;
-    hits[0].firm = 0;
-    CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not firm is settled");
+    hits[0].current = 0;
+    CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
     sbl__bounce_all_found(&b);
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
