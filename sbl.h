@@ -2179,7 +2179,7 @@ static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t
     return 1;
 }
 
-/* Reduces the capacity of an array to `count` elements. The arguments and the result are those of sbl__grow. */
+/* Reduces the capacity of an array to `count` elements. Parameters and result: see sbl__grow. */
 static int sbl__trim(sbl__base *base, void *array, int *room, int count, size_t size) {
     void *old, *kept;
     if (*room <= count) return 1;
@@ -2282,7 +2282,7 @@ static double sbl__affine_determinant(const float m[16]) {
            (double)m[8] * ((double)m[1] * m[6] - (double)m[2] * m[5]);
 }
 
-/* PCG hash (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering") */
+/* Returns the PCG hash of x (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering"). */
 static uint32_t sbl__hash(uint32_t x) {
     uint32_t word;
     x = x * 747796405u + 2891336453u;
@@ -2458,7 +2458,7 @@ static unsigned char sbl__to_byte(float x) {
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
 /* The guard saves and restores the state of this many texture units, draw buffers, viewports (see sbl__gl.viewports)
-   and image units. Programs may use only the first GUARD_UNITS texture units and GUARD_IMAGES image units. */
+   and image units. Programs may use only the first SBL__GUARD_UNITS texture units and SBL__GUARD_IMAGES image units. */
 #define SBL__GUARD_UNITS 15
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
@@ -2583,8 +2583,8 @@ static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *na
     return NULL;
 }
 
-/* Loads GL functions; missing optional ones become NULL. Logs missing required ones, and returns 1 if there are
-   none. */
+/* Loads GL functions; missing optional ones become NULL. Logs the missing required functions. Returns 1 if none of
+   these is missing. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
@@ -2821,8 +2821,8 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
    Constants and records that C and the shaders share. C fills an array of structs; shaders read it from a table.
 
    SBL__NAME(X) lists the fields of a record. From it, SBL__RECORD defines the struct sbl__name and sbl__name_record.
-   From the latter, sbl__write_record writes GLSL: the declaration of the table's sampler, and a function for each
-   field, such as
+   From sbl__name_record, sbl__write_record writes GLSL: the declaration of the table's sampler, and a function for
+   each field, such as
 
        vec3 sbl_object_albedo(int i) { return uintBitsToFloat(sbl_fetch(sbl_objects, 5 * i + 0).xyz); }
 
@@ -2953,7 +2953,7 @@ typedef struct sbl__record {
                                           scene's extent, because depth buffers are imprecise (see sbl__spec_offset). At
                                           2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
 
-/* Shaders get these as #define SBL_name. A constant has the text of SBL__name, a flag that of SBL_MATERIAL_name. */
+/* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -3528,8 +3528,8 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
     return result;
 }
 
-/* Returns the program of a recipe that has the given features and the device's, as far as the recipe lists them.
-   Returns NULL if this program has not been compiled. */
+/* Returns the compiled program of a recipe with these features and the device's, without features that the recipe does
+   not list. Returns NULL if this program has not been compiled. */
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
@@ -4020,7 +4020,7 @@ static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_
 static const float sbl__unit_range[2] = { 0, 1 }, sbl__ior_range[2] = { 1, 1e6f };
 static const float sbl__normal_scale_range[2] = { -1000, 1000 };
 
-/* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: of the field */
+/* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: name of the field */
 static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
     int k;
     for (k = 0; k < count; k++) {
@@ -4037,7 +4037,7 @@ static void sbl__check_finite(sbl__check *check, const char *name, const float *
     sbl__check_range(check, name, v, count, sbl__any_range);
 }
 
-/* Checks that a count is not negative and that the array of a positive count is not NULL. name: field of the count */
+/* Reports a negative count, and a positive count without an array. name: name of the count's field */
 static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
         sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
@@ -4369,7 +4369,7 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
 
 /* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture and other textures: first row in the texel
    table, width, height, and SBL__TEXTURE flags; all 0: none. reflectance: of the part that is not metal, along the
-   normal; negative: the material is matte. layer: light_group. All other fields are those of sbl_material */
+   normal; negative: the material is matte. layer: light_group. The other fields are as in sbl_material */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -5333,8 +5333,8 @@ static int sbl__material_blurs(const sbl_material *m) {
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance: the
-   largest component of emission * that of the texture. Returns the features that programs need. */
+/* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance:
+   (largest component of emission) * (largest component of the texture). Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const float ior = m->ior > 0 ? m->ior : 1.5f;
     unsigned features = 0;
@@ -5365,7 +5365,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
 
-/* Returns 1 if two objects differ in more than emission, its texture, its sides, and the normal map. */
+/* Returns 1 if two objects differ in any field except emission, its texture, its sides, and the normal map. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
@@ -5786,7 +5786,7 @@ static const char *const sbl__glsl_material[] = {
 #define SBL__SKY_LIMIT 4  /* sbl__environment.limit, in multiples of the picture's mean radiance */
 
 typedef struct sbl__environment {
-    float sky[3];        /* constant radiance from all directions, added to that of the picture */
+    float sky[3];        /* constant radiance from all directions; the picture is added to it */
     float *pixels;       /* radiance of the picture, times the host's scale: r g b 0; NULL: no picture */
     int width, height;   /* size of the picture in texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
@@ -5929,7 +5929,7 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 static const char *const sbl__glsl_sky[] = {
 "// The environment (see sbl_environment). The picture has an equirectangular projection.\n",
 "uniform sampler2D sky_picture;\n",
-"uniform vec3 sky;                   // constant radiance from all directions, added to that of the picture\n",
+"uniform vec3 sky;                   // constant radiance from all directions; the picture is added to it\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
 "                                    // the excess; 0: no picture\n",
@@ -6133,8 +6133,8 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves those of the first part to the front of the task
-   (SBL__BVH_PART). */
+/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
+   task (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -6225,8 +6225,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles whose corners equal, in the same order, those of a triangle with a lower index and without holes. No
-   ray would hit such copies, but rays would test them. Reduces t->count. */
+/* Drops copies of triangles without holes: a copy has a higher index, and equal corners in the same order. Rays would
+   test the copies, but never hit them. Reduces t->count. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -6680,9 +6680,9 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | index. The index is that of a triangle in the
-   hierarchy's order, of a light, of a glow, or of a texel (row * width + column). layer: index of the lamp's light
-   group; a glow has light of all groups, see sbl_lamp_share in lamp.glsl */
+/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | index. The index counts triangles in the
+   hierarchy's order, lights, glows, or texels (row * width + column). layer: index of the lamp's light group; a glow
+   has light of all groups, see sbl_lamp_share in lamp.glsl */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UINT, layer) X(sbl__lamp_leaf, UVEC2, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -7051,7 +7051,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
         /* In a direction w, the sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides
-           * the sum of shown * n * n^T (Cauchy-Schwarz inequality). `shown` is that of sbl__cluster_of_lamp */
+           * the sum of shown * n * n^T (Cauchy-Schwarz inequality). `shown`: see sbl__cluster_of_lamp */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -7226,7 +7226,7 @@ typedef struct sbl__cell_bucket { uint32_t check, reference; } sbl__cell_bucket;
 
 /* A plane that divides a cell. sides: references (as in buckets) to the parts where dot(normal, position) is at most
    `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division); 0:
-   because an object stands there */
+   because an object stands on the surface */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UINT, divides) X(sbl__cut, UINT, unused)
@@ -7677,9 +7677,9 @@ static const char *const sbl__glsl_store[] = {
 "// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf that far rays read at this\n",
-"// position, if this leaf is bright, otherwise 0. leaf: result of sbl_leaf_at for the same parameters; it becomes\n",
-"// the bright leaf, or 0\n",
+"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for far rays at this\n",
+"// position if that leaf is bright, otherwise 0. leaf: before: result of sbl_leaf_at for the same parameters;\n",
+"// after: the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
 "    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
@@ -7699,7 +7699,7 @@ static const char *const sbl__glsl_store[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns the stored R at a position. The parameters are those of sbl_leaf_at.\n",
+"// Returns the stored R at a position. Parameters: see sbl_leaf_at\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -8215,8 +8215,8 @@ static const char *const sbl__glsl_surface[] = {
 
 #define SBL__GLOWS_MOST 4096       /* maximum number of glows; beyond it, the darkest leaves are no longer bright */
 #define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further corners are dropped */
-#define SBL__GLOW_LEAST 1e-5       /* a glow is dropped if its area is less than this * the smaller of two areas: its
-                                      triangle's, and that of one face of its cell's cube */
+#define SBL__GLOW_LEAST 1e-5       /* a glow is dropped if its area is less than this * the area of its triangle, and
+                                      less than this * the area of one face of its cell's cube */
 
 typedef struct sbl__polygon { double corners[SBL__GLOW_CORNERS][3]; int count; } sbl__polygon;
 
@@ -8230,7 +8230,7 @@ typedef struct sbl__glowing {
     double area;                     /* glows of smaller area are dropped; in square world units */
 } sbl__glowing;
 
-/* Returns the patch word of a cell without SBL__PATCH_NEAR and level: that of the triangle sides in the cell. */
+/* Returns a cell's patch word without SBL__PATCH_NEAR and level. The sides of triangles in the cell have this word. */
 static uint32_t sbl__side_of_patch(uint32_t patch) {
     return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
 }
@@ -8510,8 +8510,8 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0. host_draws: 1: the scene has
-   a draw callback */
+/* Checks the options. papers: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0.
+   host_draws: 1: the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
@@ -8688,7 +8688,7 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-/* what: "picture" or "map", for the message */
+/* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
     if (!w[0] && !w[1] && !w[2] && !w[3]) return;
     if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[2] > width || w[3] > height || w[0] > width - w[2] ||
@@ -9018,7 +9018,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 
 /* ======================================================================================================== >>atlas
    Finds, on the CPU, which point of which triangle each texel of a lightmap shows. Among all triangles that touch the
-   texel's square, the texel shows the point nearest to its centre; among equally near points, that of the first
+   texel's square, the texel shows the point nearest to its centre or, of equally near points, the one on the first
    triangle. Triangles that share a corner, with the same position and the same lightmap coordinates, belong to one
    chart. */
 
@@ -9721,8 +9721,8 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* extends from .. to by corner a, if in front, and by the point where edge ab is
-                                      cut */
+        for (k = 0; k < 2; k++) {  /* extends from .. to by corner a, if it is in front, and by the point where the
+                                      plane cuts edge ab */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -9835,8 +9835,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane\n",
 "};\n",
 "\n",
-"// Returns the radiance of a surface, with reflected stored light. number: of its triangle; only_diffuse: true:\n",
-"// without its specular lobe\n",
+"// Returns the radiance of a surface, with reflected stored light. number: index of its triangle; only_diffuse:\n",
+"// true: without its specular lobe\n",
 "vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {\n",
 "#ifdef SBL_BOUNCED\n",
 "    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
@@ -10302,7 +10302,7 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
 
 /* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across:
-   position of the column, 0 to 1; roughness: below LOBE_FIRST, the first row is used */
+   position of the column, 0 to 1; roughness: below SBL__LOBE_FIRST, the first row is used */
 static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
     const int last = SBL__LOBE_ROWS - 1;
     const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
@@ -10580,8 +10580,9 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Returns the uniform part of both choices, SBL__GUIDE_EVEN to 1. The squared mean of the densities divided by their
-   mean square is the fraction of lit bins: exactly if all lit bins have the same density, otherwise approximately. */
+/* Returns the uniform part of the probability in both choices of a guide, SBL__GUIDE_EVEN to 1. The squared mean of
+   densities divided by their mean square is the fraction of lit bins: exactly if all lit bins are equal, otherwise
+   approximately. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -11413,7 +11414,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // lamps of one facing are `sparse` if a part has fewer rays to them: no ratio\n",
+"const float SBL_SPARSE = 4.0;       // with fewer rays to the lamps of one facing, a part does not use the ratio\n",
+"                                    // seen / open for these `sparse` lamps\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
@@ -11751,7 +11753,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics, layers:\n",
-"// those of this light\n",
+"// harmonics and layers of this light\n",
 "struct sbl_Result {\n",
 "    vec4 light;\n",
 "    mat3x4 harmonics;\n",
@@ -11803,7 +11805,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Russian roulette over passes: if the rays agree early, an invocation stops, except with probability\n",
 "// SBL_PASS_CHANCE. For an invocation that continued, returns early + (final - early) / SBL_PASS_CHANCE, so that\n",
-"// the expected value equals that of always making all passes. early: result when the rays first agreed\n",
+"// the expected value is the same as if all passes were made. early: result when the rays first agreed\n",
 "sbl_Result sbl_combine_after(sbl_Result early) {\n",
 "    sbl_Result r = sbl_combine();\n",
 "    float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);\n",
@@ -12227,7 +12229,7 @@ static const sbl__recipe sbl__recipe_sensor = {
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
 "// Draws the environment's picture as the background of the views of many sensors. Each instance covers the\n",
-"// rectangle of one view. The attributes are those of sensor_vertex.glsl.\n",
+"// rectangle of one view. sensor_vertex.glsl explains the attributes.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -12672,8 +12674,8 @@ static const char *const sbl__glsl_reflect[] = {
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
-"// outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
-"// out_hits.z is SBL_LOST if rays were lost.\n",
+"// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -13657,9 +13659,9 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Returns 1 if the job must begin again because looks were lost, after setting a larger divisor of the rays per
-   invocation, which later jobs in the scene keep. If the divisor is already the largest, or looks are views, warns and
-   returns 0; the readings of the lost looks stay invalid. Returns 0 if no looks were lost. */
+/* If looks were lost, sets a larger divisor of the rays per invocation, which later jobs in the scene keep, and returns
+   1: the job must begin again. If the divisor is already the largest, or looks are views, warns and returns 0; the
+   readings of the lost looks stay invalid. Returns 0 if no looks were lost. */
 static int sbl__job_lost(sbl__job *j) {
     if (!j->lost) return 0;
     if (j->task.spec.traced && j->divisor < SBL__DIVISOR_MOST) {
@@ -13742,7 +13744,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
-    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* the lens may still be that of the previous job */
+    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* the lens may still belong to the previous job */
     if (j->lens == SBL__LENS_STUCK) return 1;
     if (looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
@@ -13789,8 +13791,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    Fills the store of bounced light. Rays from samples of all surfaces find the positions that surfaces see, and these
    become points. Each leaf gets up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
    become points of other leaves, until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the
-   store has too many leaves, or too few, the work begins again with cells of another size, and in the latter case with
-   samples on small triangles, too.
+   store has too many leaves, or too few, the work begins again with cells of another size. If it has too few, small
+   triangles get samples, too.
 
    Ray r of leaf i hits leaf j, which reflects the fraction a of its light, so that R_i = L_i + mean over r of a * R_j,
    where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
@@ -13836,7 +13838,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__BOUNCE_AFAR 8.0       /* points of a leaf beyond BOUNCE_POINTS lie only where rays longer than this many
+#define SBL__BOUNCE_AFAR 8.0       /* a leaf's points beyond BOUNCE_POINTS lie only where rays longer than this many
                                       cells hit; shorter rays, as in a lamp's bowl, hit the brightest part of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
@@ -13873,9 +13875,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before the
-                                      factor UNCERTAINTY_STRATA; the noise is too high where few rays all hit one
-                                      leaf */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
+                                      multiplied by SBL__UNCERTAINTY_STRATA; the noise is too high where few rays all
+                                      hit one leaf */
 #define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
                                            errors of stored light in the rooms of examples/MEASUREMENTS.md */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate fraction of the time of readings, vertices and probes for filling the
@@ -13934,8 +13936,8 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
    its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
    points that existed when a cut last split the leaf (hits of later points have found the leaf as it is); 0: no cut has
-   split it since all hits were placed; read_end: index after that of the leaf's last read. Its reads follow those of
-   the leaf before it. */
+   split it since all hits were placed; read_end: 1 + index of the leaf's last read. Its first read follows the last
+   read of the leaf before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -13957,8 +13959,8 @@ enum {
 typedef enum sbl__black {
     SBL__BLACK_EQUAL,     /* black surfaces get leaves like other surfaces */
     SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
-    SBL__BLACK_JOINED     /* last attempt, after the size of cells is found: black surfaces get leaves up to
-                             FILL_BLACK */
+    SBL__BLACK_JOINED     /* last attempt, after the size of cells is found: black surfaces get leaves up to a fill of
+                             SBL__FILL_BLACK */
 } sbl__black;
 
 typedef struct sbl__bounce {
@@ -13977,7 +13979,7 @@ typedef struct sbl__bounce {
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
     int glows;                       /* 1: a job measures the light of glows at all points, so that the points' rays
                                         skip bright leaves, and the light of bright leaves is fixed */
-    sbl__hits hits;                  /* hits of points' rays (BOUNCE_RAYS per point); before that, of samples' rays */
+    sbl__hits hits;                  /* hits of points' rays, SBL__BOUNCE_RAYS each; before that, of samples' rays */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
@@ -13989,7 +13991,7 @@ typedef struct sbl__bounce {
     int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
-    /* a cache: side of the last ray from a surface, and the results of sbl__side_offset there */
+    /* a cache: side of the last ray from a surface, and the results of sbl__side_offset for this side */
     struct { uint32_t side; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, positions in the air */
     sbl_reading *readings;
@@ -14054,8 +14056,8 @@ static const char *const sbl__glsl_cast[] = {
 "vec4 parts;\n",
 "uniform int sky_layer;\n",
 "\n",
-"// Continues a ray that has hit metal by one segment, as sensors do. hit, origin, direction: become those of this\n",
-"// segment. share: throughput, updated. Returns the light of lamps and of the sky.\n",
+"// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and share\n",
+"// (throughput) to this segment. Returns the light of lamps and of the sky.\n",
 "vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,\n",
 "               uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
@@ -14390,9 +14392,9 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
 }
 
 /* Sets a triangle's patch word and, if sensors can see the triangle, adds surface samples at random positions:
-   patching.growth positions per cell area, or more, see SAMPLES_LEAST. samples_due carries fractions to the next
-   triangle. If sample_small is 1, at most about SMALL_SAMPLES of the triangles that get no position by area get one,
-   too. */
+   patching.growth positions per cell area, or more, see SBL__BOUNCE_SAMPLES_LEAST. samples_due carries fractions to the
+   next triangle. If sample_small is 1, also adds a sample to some of the triangles that get none by area: at most about
+   SBL__BOUNCE_SMALL_SAMPLES. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -14707,8 +14709,8 @@ static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, con
 }
 
 /* Cuts the part of a cell that a reference leads to, with or without a leaf. If the reference leads to a cut, cuts the
-   parts on those of its sides that the line crosses. Does not cut below CELL_DEPTH cuts, or twice along a line. depth:
-   number of cuts above the reference. range: where the line enters and leaves this part, 0 to 1 along the line */
+   parts on the sides of the cut that the line crosses. Does not cut below SBL__CELL_DEPTH cuts, or twice along a line.
+   depth: number of cuts above the reference. range: where the line enters and leaves the part, 0 to 1 */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -14866,8 +14868,8 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to that of its nearest hit, or to
-   UNSEEN. */
+/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
+   or to SBL__UNSEEN. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -15096,7 +15098,7 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
-/* Returns the weight of a point in sums: 1, or BOUNCE_POINTS / (number of points of its leaf) if that is less. */
+/* Returns the weight of a point in sums: 1, or SBL__BOUNCE_POINTS / (number of points of its leaf) if that is less. */
 static double sbl__point_weight(const sbl__bounce *b, int point) {
     const int points = b->states[b->points[point].leaf].points;
     return points > SBL__BOUNCE_POINTS ? (double)SBL__BOUNCE_POINTS / points : 1;
@@ -15160,7 +15162,7 @@ static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
 
 static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
 
-/* Writes the reads of a leaf after those of the leaf before it. */
+/* Writes the reads of a leaf behind the reads of the leaf before it. */
 static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
     sbl__bounce_leaf *state = &b->states[leaf];
     int i, end = sbl__first_read(b, leaf);
@@ -15295,8 +15297,8 @@ static int sbl__bounce_after_gather(void *work) {
     return sbl__bounce_next(b, 1);
 }
 
-/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for each light group's
-   part of it, with as many rounds. Like the light itself, the parts are solved again once glows are measured. */
+/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
+   light that each light group causes, with as many rounds, and again once glows are measured. */
 
 static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -15315,7 +15317,7 @@ static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
     return s->layers && b->direct_layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Does for the layers of a leaf what sbl__bounce_direct does for its light. */
+/* Does the same as sbl__bounce_direct, but for the layers of a leaf instead of its light. */
 static sbl_result sbl__bounce_layers_direct(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__bounce_leaf *state = &b->states[at];
@@ -15335,7 +15337,7 @@ static sbl_result sbl__bounce_layers_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Does for the layers of a leaf what sbl__bounce_gather does for its light. */
+/* Does the same as sbl__bounce_gather, but for the layers of a leaf instead of its light. */
 static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -15423,10 +15425,11 @@ typedef struct sbl__division {
     sbl__region *regions;            /* one element per bucket of the hash grid; regions that share a bucket count as
                                         one */
     sbl__region all;                 /* sums over the points of all regions */
-    double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
+    double light, variance;          /* sum of the light that all rays read, and its variance, see SBL__DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
     int least;                       /* lowest class of scores in which leaves are divided */
-    int exact;                       /* 1: the light is exact enough (see DIVIDE_ERROR), so the round changes nothing */
+    int exact;                       /* 1: the light is exact enough (SBL__DIVIDE_ERROR), so the round changes
+                                        nothing */
 } sbl__division;
 
 static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
@@ -15545,8 +15548,8 @@ static int sbl__bounce_after_score(void *work) {
     return SBL__BOUNCE_DIVIDE;
 }
 
-/* Returns how many points a leaf should have, 0 to BOUNCE_POINTS_MOST. The number that most reduces the noise of the
-   mean light that all rays read is proportional to the light's standard deviation and to its weight in the mean. */
+/* Returns how many points a leaf should have, 0 to SBL__BOUNCE_POINTS_MOST. The number that most reduces the noise of
+   the mean light that all rays read is proportional to the light's standard deviation and to its weight in the mean. */
 static int sbl__points_due(const sbl__spread *spread) {
     const double points = SBL__DIVIDE_POINTS * sqrt(spread->hits * spread->score);
     return (int)SBL__MIN(points, SBL__BOUNCE_POINTS_MOST);
@@ -15635,8 +15638,8 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
    no longer needed. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit the leaf, float 1 is
-   the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. Rays that
-   have hit metal do not count there. Metal is thus no glow: its light depends on the direction and is in `shine`. */
+   the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. b->direct
+   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -15886,8 +15889,8 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     return light * light * share * SBL__MIN(across * across, 1);
 }
 
-/* Restores a leaf's light. Sets its uncertainty to UNCERTAINTY_STRATA * the relative noise that other leaves have sent,
-   combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
+/* Restores a leaf's light. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative noise that other leaves have
+   sent, combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -15929,8 +15932,8 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way from there
-   to its corners, and returns the stage AIR. Otherwise returns DONE. */
+/* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way between
+   the centre and each corner, and returns the stage AIR. Otherwise returns DONE. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -16122,7 +16125,8 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
                                           the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* shows the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets and of cuts in a stream, and twice that of leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets, and of cuts, in a stream; at most half as many
+                                          leaves */
 
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
 enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
@@ -16401,8 +16405,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Adaptive placement of sensors (section III-G): where sensors stand, how many looks each takes, what light the other
-   pixels get from them, and how large the remaining error probably is.
+   Adaptive placement of sensors (section III-G). This room chooses the positions of sensors and the number of looks of
+   each, interpolates their light to the other pixels, and predicts the remaining error.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
    sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
@@ -16465,47 +16469,48 @@ typedef struct sbl__pixel_lobe {
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
 
-/* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere at a mean distance below
-   HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden is
-   touched if a surface is closer than HIDDEN_TOUCH * distance_limit. */
+/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
+   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
+   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
-#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find PLACE_RAYS that lie on the chart */
+#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
 
-/* Interpolation. Errors are root mean squares. STEP_ERROR and CURVE_ERROR are factors from the second differences at
-   the ends of a tile's edge to the error of interpolation along the edge: for light with a step, and for light that is
-   a parabola, which sbl__edge_parabola corrects. Both were measured on shadows of lamps, with tiles of 2 to 16
-   pixels. */
+/* Interpolation. Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
+   of interpolation along the edge: times SBL__STEP_ERROR for light with a step, or times SBL__CURVE_ERROR for light
+   that is a parabola, which sbl__edge_parabola corrects. Both factors were measured on shadows of lamps, with tiles of
+   2 to 16 pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
-#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for COVERAGE,
-                                           too */
+#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for
+                                           SBL__COVERAGE, too */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light that it
                                            continues */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* lower limit of the error of extrapolated light / larger of sensor's R and
                                            mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SILHOUETTE_ERROR if another surface is near, which may cast a
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
                                            shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
                                            estimate explains all of a pixel's error */
 #define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; larger, since looks can remove that noise
-                                           instead */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* like SBL__NOISE_IN_BIAS, for gains of splits; larger, since looks can remove
+                                           that noise instead */
 /* Noise of sensors. */
 #define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
 #define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
-#define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / of n; below 0.5, since looks share a
-                                           sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of growing from 2n to 4n looks / from n to 2n */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
+                                           since looks share a sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of growing from 2n to 4n looks / from n to 2n
+                                                          looks */
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -16527,17 +16532,17 @@ typedef struct sbl__pixel_lobe {
                                            however large the uncertainty of stored light is */
 #define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
                                            of stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* AIM_STORED permits at most this * the squared target error, because the
+#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ adds this * the mean luminance to the light that it compares */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark areas */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure = (squared error foreseen for the end / present one) ^ this */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
+#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
 /* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
-   TILE_ERROR_MAX * (relative luminance + TILE_ERROR_FLOOR). */
+   SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -16554,7 +16559,7 @@ typedef struct sbl__tile {
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
                                  whose errors count (sbl__window_counts) */
     float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
-                                 errors are those of R */
+                                 errors of R are predicted */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* estimate of bias2 from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
@@ -16579,7 +16584,7 @@ typedef struct sbl__refine {
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and all pixels of one id form one
                                  smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* of sensors tested for occlusion with R above 0: number; sum of
+    double lit, lit_backs;    /* over sensors with R above 0 that were tested for occlusion: their number; sum of
                                  sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
@@ -16589,16 +16594,16 @@ typedef struct sbl__refine {
     sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Sensor 0, all zeroes, stands for
                                  the sensor of each pixel without one, and is read-only */
     uint32_t sensor_count;    /* number of sensors, including sensor 0 */
-    sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: R is
+    sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined, by predicted errors of FINAL. NULL: R is
                                  refined */
-    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; errors are those of FINAL.
-                                 NULL: errors are those of R */
-    double shown, shown_pixels;  /* sum over pixels of the luminance of their albedo, including that of lobes; number of
-                                    these pixels */
+    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
+                                 errors of FINAL. NULL: predicted errors are errors of R */
+    double shown, shown_pixels;  /* sum over pixels of the luminance of the albedo of surface and lobe; number of these
+                                    pixels */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
     size_t harmonics;         /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
-    float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
-                                 those of the next; layer 0 is sbl__sensor.radiance */
+    float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS), pixel after pixel; layer 0 is
+                                 sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
@@ -16624,7 +16629,7 @@ typedef struct sbl__refine {
     float weights[3];         /* factors from a difference in each channel to a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
-                                          (mean luminance of the earlier looks - that of the new looks)^2 */
+                                          (mean luminance of the earlier looks - mean luminance of the new looks)^2 */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
@@ -17002,7 +17007,7 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
 }
 
 /* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
-   interpolation and, with weight c->uncovered, of extrapolation. Sets c->unseen_bias2, a part of the latter. */
+   interpolation and, with weight c->uncovered, of extrapolation. Sets c->unseen_bias2, a part of the second. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -17028,9 +17033,9 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next pixel on a tile's edges that has usable light of its own, from a sensor that a neighbour's split put
-   there or from the store, or NULL at the end. Skips corners, where interpolation is exact. *at: counter of pixels on
-   the edges, from 0. *guess: receives the light that the tile interpolates there */
+/* Returns the next pixel on a tile's edges that has usable light of its own, either from the store or from a sensor
+   that a neighbour's split has added, or NULL at the end. Skips corners, where interpolation is exact. *at: counter of
+   pixels on the edges, from 0. *guess: receives the light that the tile interpolates at this pixel */
 static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -17135,8 +17140,8 @@ static float sbl__difference(const float a[3], const float b[3], float *sum) {
     return most;
 }
 
-/* Returns 1 if the squared difference of two radiances exceeds the squared threshold plus NOISE_WEIGHT * variance.
-   variance: of the difference. The threshold is relative to the mean of both radiances plus DIFFERENCE_FLOOR * the
+/* Returns 1 if the squared difference of two radiances exceeds the squared threshold plus SBL__NOISE_WEIGHT * variance.
+   variance: of the difference. The threshold is relative to the mean of both radiances plus SBL__DIFFERENCE_FLOOR * the
    picture's luminance. In SBL_MODE_PAPER, it is a radiance. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float sum, least;
@@ -17834,7 +17839,7 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
 /* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. With
-   lobes, they are relative to the mean that the caller has set, later to that of the last weighing. */
+   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
@@ -17952,9 +17957,9 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Sets r->expected_looks: looks taken, plus the looks, those of highest worth first, that reduce the sum of squared
-   errors from `left` to target2 per pixel, or as close to it as possible. The result is too low until most tiles that
-   need sensors have been found. Sets r->expected_sure, which rises to 1 as the error falls to its final value. */
+/* Sets r->expected_looks: the looks taken, plus the looks, highest worth first, that reduce the sum of squared errors
+   from `left` to target2 per pixel, or as close to it as possible. The result is too low until most tiles that need
+   sensors have been found. Sets r->expected_sure, which rises to 1 as the error falls to its final value. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     const double target = target2 * sbl__weigh_pixels(r), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
@@ -18090,7 +18095,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
 }
 
 /* Begins another job if this round has tiles, guides or texels whose sites no job has measured yet. Refused texels are
-   searched for places before the round ends; the round then measures there. */
+   searched for places before the round ends; the round then measures at these places. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int stage = r->stages.stage, scouts = stage == SBL__REFINE_TAKE_SCOUTS;
@@ -18283,8 +18288,8 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
     return SBL_SUCCESS;
 }
 
-/* Makes errors those of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular: the albedos with
-   which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
+/* Makes the refinement predict errors of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular:
+   the albedos with which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
 static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
@@ -18697,9 +18702,9 @@ static const char *const sbl__glsl_resolve[] = {
 "                                        // surface\n",
 "const float SBL_OTHER_ID = 0.01;        // if no pixel has the sample's id, the weight is this + cosine of normals\n",
 "\n",
-"// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight\n",
-"// is too small, from pixels with its id within SBL_REACH; if none has its id, from all surfaces there; otherwise\n",
-"// 0. light: R or another light at pixel centres\n",
+"// Returns light at the sample. Uses those of the four nearest pixels that belong to its surface; if their weight\n",
+"// is too small, pixels with its id within SBL_REACH; if none has its id, all surfaces within SBL_REACH; if there\n",
+"// are none, returns 0. light: R or another light at pixel centres\n",
 "vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -18827,8 +18832,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   Continues a lightmap beyond its charts, ring by ring. Each texel of a ring gets the mean of those of its eight
-   neighbours that are on a chart or in an earlier ring. */
+   Continues a lightmap beyond its charts, ring by ring. Each texel of a ring gets the mean light of those
+   neighbours, out of eight, that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
     int size[2];               /* width and height in texels */
@@ -18885,10 +18890,10 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
        sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
    where A and B are the bilinear weights at the point's two positions in the map, and x0 is x before. Channels of R
-   that become negative are set to 0 and kept there while the rest is solved again. A seam is a pair of edges of
+   that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair of edges of
    triangles with the same ends and normals in the world, but not in the map: where normals differ, light may differ.
-   Points where light differs much are left out: an object stands there, such as a wall on a floor that is divided
-   beneath it. */
+   Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that is
+   divided beneath the wall. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
@@ -19386,7 +19391,7 @@ typedef struct sbl__map_layer {
 
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
-    sbl_picture_desc desc;      /* with defaults; width, height and view_to_clip are those of the working grid */
+    sbl_picture_desc desc;      /* with defaults; width, height and view_to_clip describe the working grid */
     sbl__window window;         /* position of the working grid in the whole picture, and the part that the host sees */
     int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
     int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1; see
@@ -19394,7 +19399,7 @@ typedef struct sbl__map {
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
-    sbl__atlas *atlas;          /* the atlas of a lightmap; NULL: the map is that of a picture */
+    sbl__atlas *atlas;          /* the atlas of a lightmap; NULL: the map belongs to a picture */
     int has_lobes;              /* 1: a picture of a scene whose materials are not all matte, see >>reflections */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
@@ -19403,7 +19408,7 @@ typedef struct sbl__map {
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
-    sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or that of >>reflections */
+    sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or the one of >>reflections */
     float reflected;            /* finished fraction of >>reflections, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS_MOST];
     sbl__pace filter_pace;
@@ -19412,7 +19417,7 @@ typedef struct sbl__map {
     float *errors;              /* per working pixel: predicted standard error of the luminance of FINAL; NULL: the
                                    picture has no reflections, or they are not measured yet */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
-    int64_t previewed;          /* number of looks in the last preview; 0: none, except perhaps that of a glimpse */
+    int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
@@ -19513,7 +19518,7 @@ static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, co
     sbl__refine_use_window(&m->refine, &m->window);
 }
 
-/* Sets up the map. desc: with defaults; its size is that of the whole picture in working pixels. across: number of
+/* Sets up the map. desc: with defaults; its size is the size of the whole picture in working pixels. across: number of
    working pixels across a pixel of the host. m->spec must specify the layers to measure besides R. */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across) {
     sbl__core *c = m->work.core;
@@ -20038,7 +20043,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 /* ==================================================================================================== >>reflections
    The light that specular lobes reflect to the camera. After R is known, a second refinement, with sensors that measure
    the mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's
-   albedo times this layer. The target error is that of FINAL: the predicted error of albedo * R acts like the
+   albedo times this layer. The target error applies to FINAL: the predicted error of albedo * R acts like the
    uncertainty of stored light, as a part that this refinement cannot reduce.
 
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve */
@@ -20214,7 +20219,7 @@ static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     m->reflected = 1;
 }
 
-/* Ends the work if no visible surface has a lobe: the error of FINAL is that of albedo * R. */
+/* Ends the work if no visible surface has a lobe: FINAL then has only the error of albedo * R. */
 static void sbl__reflections_skip(sbl__reflections *f, sbl__map *m) {
     sbl__weigh_begin(&f->refine);
     sbl__weigh_end(&f->refine);
@@ -20254,7 +20259,7 @@ typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; unused if `samples` is 1. It shares its
                                    emission texture with map.gbuffer */
-    int sampled;                /* 1: the shared texture holds the emission of a sample; 0: that at pixel centres */
+    int sampled;                /* 1: the shared texture holds emission of a sample; 0: of the pixels' centres */
     sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or more;
                                    [1]: over an odd number */
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
@@ -20327,7 +20332,7 @@ static void sbl__picture_offset(const sbl__picture *p, float out[2]) {
     sbl__sample_offset(p->resolved, one ? 1 : p->samples, out);
 }
 
-/* Adds the memory of a picture beyond that of a map: triangles and depth of surfaces, and lobes. After refinement: the
+/* Adds the memory that a picture needs beyond a map: triangles and depth of surfaces, and lobes. After refinement: the
    surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of the memory for DEVELOP
    and for samples: sums and, except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
@@ -20652,7 +20657,7 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* Adds the memory of a lightmap beyond that of a map: the atlas in host and GPU memory, and the light of further
+/* Adds the memory that a lightmap needs beyond a map: the atlas in host and GPU memory, and the light of further
    layers; after refinement, the surfaces of texels, the filtered light of R and of the current layer, the unfiltered
    light of R, and the memory for DEVELOP; the gutters; for each layer, the result, with light groups also in host
    memory; the mean of supersampled texels; and, during refinement, further textures of sensors. */
@@ -21209,8 +21214,8 @@ static const sbl__front_end sbl__readings_front_end = {
    conjugate gradients solve the normal equations that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the area that the point stands for
-       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
-                                           the light on both sides of the edge, in units of light
+       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; a slope is the slope
+                                           of light on one side of the edge, in units of light
 
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
@@ -21374,7 +21379,7 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
     return &s->parts[i];
 }
 
-/* Computes a triangle's area, stores the indices of its vertices, and adds its normal to those of its vertices. */
+/* Computes a triangle's area, stores the indices of its vertices, and adds its normal to their normals. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -21517,7 +21522,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *cursor to the next point, except cursor->number, which remains that of the point. */
+   advances *cursor to the next point, except cursor->number, which remains the number of the point. */
 static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
     sbl__vertices_point(cursor->point, weights);
@@ -21545,8 +21550,8 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
-/* Returns the right-hand sides of a triangle for all light groups: 9 floats each. back: 1: those of points that see
-   mostly back faces */
+/* Returns the right-hand sides of a triangle for all light groups: 9 floats each. back: 1: the sums over the points
+   that see mostly back faces */
 static float *sbl__vertices_layers(const sbl__vertices *s, int triangle, int back) {
     return s->groups ? s->layer_sums + 9 * (size_t)s->groups * (2 * (size_t)triangle + (size_t)back) : NULL;
 }
@@ -22540,7 +22545,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        /* the outputs of the lamps follow those of the rays, but are taken first */
+        /* the outputs of lamps lie behind the outputs of rays, but are taken first */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
@@ -22932,7 +22937,7 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 #endif
 
 /* ======================================================================================================== >>public
-   The functions declared above. Those that use GL check their arguments, save the host's GL state and set that of
+   The functions declared above. Those that use GL check their arguments, save the host's GL state and set the state of
    sbl.h, delegate to a room, and restore the host's state. */
 
 /* The front ends: verb, noun and struct. A row makes the public functions sbl_begin_NOUN and sbl_VERB_NOUN, and the
@@ -22969,7 +22974,7 @@ struct sbl_context {
 typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Marks the context as working, so that calls from callbacks are refused. Makes its own GL context current, if it has
-   one, saves the host's GL state, and sets that of sbl.h. */
+   one, saves the host's GL state, and sets the GL state of sbl.h. */
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
     v->inside = c->inside;
     c->inside = SBL__INSIDE_WORK;
@@ -22985,7 +22990,7 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-/* Logs why a call is refused. Returns SBL_ERROR_STATE if item is WRONG_ORDER, otherwise SBL_ERROR_INVALID_ARGUMENT. */
+/* Logs why a call is refused. Returns SBL_ERROR_STATE for SBL_LOG_ITEM_WRONG_ORDER, else SBL_ERROR_INVALID_ARGUMENT. */
 static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
@@ -23308,7 +23313,7 @@ SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
     sbl__saved_scene(&c->core.scene, parts);
     hash = sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
     g = &c->core.scene.geometry;
-    for (i = 0; i < g->mesh_count; i++) {  /* without normal maps, the hash is that of older versions */
+    for (i = 0; i < g->mesh_count; i++) {  /* without normal maps, the hash equals the hash of older versions */
         const sbl__object *o = &g->objects[i];
         if (!o->normal_texture[3]) continue;
         hash = sbl__hash_bytes(hash, &i, sizeof i);

@@ -16,8 +16,8 @@ SBL_OUT(3, out_parts);
 vec4 parts;
 uniform int sky_layer;
 
-// Continues a ray that has hit metal by one segment, as sensors do. hit, origin, direction: become those of this
-// segment. share: throughput, updated. Returns the light of lamps and of the sky.
+// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and share
+// (throughput) to this segment. Returns the light of lamps and of the sky.
 vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,
                uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);

@@ -51,8 +51,8 @@ struct sbl_Mirrored {
     bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane
 };
 
-// Returns the radiance of a surface, with reflected stored light. number: of its triangle; only_diffuse: true:
-// without its specular lobe
+// Returns the radiance of a surface, with reflected stored light. number: index of its triangle; only_diffuse:
+// true: without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
     vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);

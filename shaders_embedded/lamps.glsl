@@ -40,7 +40,8 @@ const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for 
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
-const float SBL_SPARSE = 4.0;       // lamps of one facing are `sparse` if a part has fewer rays to them: no ratio
+const float SBL_SPARSE = 4.0;       // with fewer rays to the lamps of one facing, a part does not use the ratio
+                                    // seen / open for these `sparse` lamps
 #else
 const float SBL_SPARSE = 16.0;
 #endif
@@ -378,7 +379,7 @@ bool sbl_undecided() {
 }
 
 // The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics, layers:
-// those of this light
+// harmonics and layers of this light
 struct sbl_Result {
     vec4 light;
     mat3x4 harmonics;
@@ -430,7 +431,7 @@ sbl_Result sbl_combine() {
 
 // Russian roulette over passes: if the rays agree early, an invocation stops, except with probability
 // SBL_PASS_CHANCE. For an invocation that continued, returns early + (final - early) / SBL_PASS_CHANCE, so that
-// the expected value equals that of always making all passes. early: result when the rays first agreed
+// the expected value is the same as if all passes were made. early: result when the rays first agreed
 sbl_Result sbl_combine_after(sbl_Result early) {
     sbl_Result r = sbl_combine();
     float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);

@@ -1,6 +1,6 @@
 // The environment (see sbl_environment). The picture has an equirectangular projection.
 uniform sampler2D sky_picture;
-uniform vec3 sky;                   // constant radiance from all directions, added to that of the picture
+uniform vec3 sky;                   // constant radiance from all directions; the picture is added to it
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
                                     // the excess; 0: no picture

@@ -1,5 +1,5 @@
 // Draws the environment's picture as the background of the views of many sensors. Each instance covers the
-// rectangle of one view. The attributes are those of sensor_vertex.glsl.
+// rectangle of one view. sensor_vertex.glsl explains the attributes.
 layout(location = 5) in vec4 view_right;
 layout(location = 6) in vec4 view_up;
 layout(location = 7) in vec4 view_forward;

@@ -1,6 +1,6 @@
 // Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
-// outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and
-// out_hits.z is SBL_LOST if rays were lost.
+// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
+// part, and out_hits.z is SBL_LOST if rays were lost.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
