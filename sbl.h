@@ -5327,7 +5327,7 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels show, but is too rough for a perfect one. Takes textures as 1. */
+/* Returns 1 if the material is a mirror that pixels show, but is too rough for a perfect one. Textures count as 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
@@ -9501,7 +9501,7 @@ typedef struct sbl__surface_request {
 typedef struct sbl__surface {
     sbl__stages stages;        /* stages.at: index of the next triangle or row */
     sbl__device *device;
-    const sbl__surface_request *job;
+    const sbl__surface_request *request;
     int row;                   /* first row of the current band; each band draws all triangles again */
     sbl__texture triangles, depth;
     sbl__target visibility;
@@ -9705,13 +9705,13 @@ static const sbl__recipe sbl__recipe_visibility = {
    band, without parts behind the camera. band: x, y, width, height in pixels; rows: clip_x to clip_w of
    visibility_vertex.glsl */
 static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], float rows[4][4], uint32_t triangle) {
-    const double *eye = s->job->camera->eye;
+    const double *eye = s->request->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
     const double low[2] = { 0, (double)band[1] }, high[2] = { size[0], (double)band[1] + band[3] };
     double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
     for (i = 0; i < 3; i++) {
-        const float *p = sbl__triangle_corner(&s->job->scene->geometry, triangle, i);
+        const float *p = sbl__triangle_corner(&s->request->scene->geometry, triangle, i);
         for (k = 0; k < 4; k++)
             v[i][k] = rows[k][0] * (p[0] - eye[0]) + rows[k][1] * (p[1] - eye[1]) + rows[k][2] * (p[2] - eye[2]) +
                       rows[k][3];
@@ -9740,8 +9740,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
     sbl__device *d = s->device;
-    const sbl__scene *scene = s->job->scene;
-    const sbl__camera *c = s->job->camera;
+    const sbl__scene *scene = s->request->scene;
+    const sbl__camera *c = s->request->camera;
     const sbl__geometry *g = &scene->geometry;
     const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), at = s->stages.at;
     const int band[4] = { 0, s->row, s->visibility.width, SBL__MIN(most, s->visibility.height - s->row) };
@@ -9756,7 +9756,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     if (!g->triangle_count) return sbl__gl_check(&d->gl);
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
+    sbl__camera_clip(c, s->request->offset, &s->visibility, clip);
     for (i = 0; i < 4; i++) {
         for (k = 0; k < 3; k++)
             rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
@@ -9766,7 +9766,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
-    sbl__camera_set(d, c, s->job->offset, &s->visibility);
+    sbl__camera_set(d, c, s->request->offset, &s->visibility);
     for (i = 0; i < 4; i++) sbl__set_vec4(d, names[i], rows[i]);
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
@@ -10081,32 +10081,31 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
 /* Computes the surface points of as many rows as the slice allows. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
-    const sbl__surface_request *job = s->job;
+    const sbl__surface_request *request = s->request;
     sbl__device *d = s->device;
-    const sbl__target *target = &job->gbuffer->target;
-    const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
-    const unsigned matte = ~(unsigned)(job->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
-    const unsigned features = job->scene->features & (job->has_lobes ? ~0u : matte);  /* rays are only needed for
-                                                                                         lobes */
+    const sbl__target *target = &request->gbuffer->target;
+    const unsigned bounced = request->bounced ? SBL__BOUNCED : 0, lightmap = request->atlas ? SBL__LIGHTMAP : 0;
+    const unsigned matte = ~(unsigned)(request->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
+    const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);  /* only lobes need rays */
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, target, s->stages.at, rows);
-    sbl__scene_bind(d, job->scene);
-    if (bounced) sbl__store_bind(d, &job->scene->store);
+    sbl__scene_bind(d, request->scene);
+    if (bounced) sbl__store_bind(d, &request->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
-    if (job->has_lobes) {
-        sbl__hierarchy_bind(d, &job->scene->hierarchy);
-        sbl__environment_bind(d, &job->scene->environment);
+    if (request->has_lobes) {
+        sbl__hierarchy_bind(d, &request->scene->hierarchy);
+        sbl__environment_bind(d, &request->scene->environment);
     }
     if (features & SBL__MIRRORS_BLUR) {
         double point[2];
-        sbl__r2(SBL__MAX(job->sample, 0), point);
-        sbl__set_int(d, "draws_sample", job->sample >= 0);
+        sbl__r2(SBL__MAX(request->sample, 0), point);
+        sbl__set_int(d, "draws_sample", request->sample >= 0);
         sbl__set_vec2(d, "sample_point", (float)point[0], (float)point[1]);
     }
-    sbl__camera_set(d, job->camera, job->offset, target);
-    sbl__set_float(d, "facet_limit", job->camera->facet_limit);
+    sbl__camera_set(d, request->camera, request->offset, target);
+    sbl__set_float(d, "facet_limit", request->camera->facet_limit);
     sbl__draw_screen(d);
     result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
     s->stages.at += rows;
@@ -10116,36 +10115,36 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
 /* Calls the host's draw callback, if any, to draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
-    const sbl__surface_request *job = s->job;
-    const sbl__camera *c = job->camera;
-    const sbl__target *target = &job->gbuffer->target;
+    const sbl__surface_request *request = s->request;
+    const sbl__camera *c = request->camera;
+    const sbl__target *target = &request->gbuffer->target;
     sbl_draw_view view;
     int k;
     (void)slice;
-    if (!job->scene->draw) return SBL_SUCCESS;
+    if (!request->scene->draw) return SBL_SUCCESS;
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
     view.viewport[2] = target->width;
     view.viewport[3] = target->height;
     memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
-    sbl__camera_clip(c, job->offset, target, view.view_to_clip);
+    sbl__camera_clip(c, request->offset, target, view.view_to_clip);
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
-    view.epsilon = job->epsilon;
-    sbl__host_draw(s->device, target, job->scene->draw, &view, job->scene->draw_user);
+    view.epsilon = request->epsilon;
+    sbl__host_draw(s->device, target, request->scene->draw, &view, request->scene->draw_user);
     return sbl__gl_check(&s->device->gl);
 }
 
 static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
-    return sbl__atlas_step(s->job->atlas, slice);
+    return sbl__atlas_step(s->request->atlas, slice);
 }
 
 /* Sends the next rows of the atlas to s->triangles on the GPU. */
 static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
-    const sbl__atlas *a = s->job->atlas;
+    const sbl__atlas *a = s->request->atlas;
     const int at = s->stages.at, rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), a->height - at);
     const sbl_result result = sbl__texture_write(s->device, &s->triangles, at, rows, a->texels + SBL__ATLAS_WORDS *
                                                  (size_t)at * (size_t)a->width);
@@ -10159,7 +10158,7 @@ static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.
 
 /* Does a piece of the work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS. The next call then
    starts a new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
-static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_request *job,
+static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_request *request,
                                     sbl__slice *slice) {
     static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
         { sbl__surface_triangles, NULL, NULL, NULL },
@@ -10173,8 +10172,8 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
     sbl_result result;
     d->gl.doing = "drawing the G-buffer";
     s->device = d;
-    s->job = job;
-    result = sbl__stages_step(&s->stages, tables[job->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
+    s->request = request;
+    result = sbl__stages_step(&s->stages, tables[request->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
     if (result == SBL_SUCCESS) sbl__surface_restart(s);
     return result;
 }
@@ -19631,17 +19630,17 @@ static int sbl__map_after_prepare(void *work) {
 static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int sample, const float offset[2],
                                         sbl__slice *slice) {
     sbl__core *c = m->work.core;
-    sbl__surface_request job;
-    job.scene = &c->scene;
-    job.camera = &m->camera;
-    job.gbuffer = g;
-    job.sample = sample;
-    memcpy(job.offset, offset, sizeof job.offset);
-    job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced && (sample < 0 || m->has_lobes);  /* panes mirror bounced light in all samples */
-    job.has_lobes = m->has_lobes;
-    job.atlas = m->atlas;
-    return sbl__surface_step(&c->device, &m->surface, &job, slice);
+    sbl__surface_request request;
+    request.scene = &c->scene;
+    request.camera = &m->camera;
+    request.gbuffer = g;
+    request.sample = sample;
+    memcpy(request.offset, offset, sizeof request.offset);
+    request.epsilon = m->work.measurement.options.epsilon;
+    request.bounced = m->spec.bounced && (sample < 0 || m->has_lobes);  /* panes mirror bounced light in all samples */
+    request.has_lobes = m->has_lobes;
+    request.atlas = m->atlas;
+    return sbl__surface_step(&c->device, &m->surface, &request, slice);
 }
 
 static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
@@ -20191,7 +20190,7 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
 }
 
 /* Sets the mean of FINAL without emission, at first with R in place of the light in lobes. If the host has set the mean
-   of R, because the picture is a window, this is the mean of the window times the ratio of both means of R. */
+   of R, because the picture is a window, multiplies the window's mean by (given mean of R) / (window's mean of R). */
 static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
     const float given = sbl__luminance(m->desc.mean_radiance);
@@ -20711,7 +20710,8 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
 }
 
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
-   m->shown[texel] to the one nearest to the texel's centre. If none shows a surface, returns 0 and picks from all. */
+   m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
+   to the nearest of all. */
 static int sbl__lightmap_show(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -22688,7 +22688,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
     sbl__camera camera;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
-    sbl__surface_request job;
+    sbl__surface_request request;
     sbl_picture_desc view;
     sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, 0);
     if (result == SBL_SUCCESS)
@@ -22696,14 +22696,14 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
                                    SBL__GBUFFER_ALL);
     if (result != SBL_SUCCESS) return result;
     memset(&view, 0, sizeof view);
-    memset(&job, 0, sizeof job);
+    memset(&request, 0, sizeof request);
     sbl_look_at(view.world_to_view, 0, 0, 2, 0, 0, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 120, 1);
     sbl__camera_make(&camera, &view, &c->scene.geometry);
-    job.scene = &c->scene;
-    job.camera = &camera;
-    job.gbuffer = gbuffer;
-    do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
+    request.scene = &c->scene;
+    request.camera = &camera;
+    request.gbuffer = gbuffer;
+    do result = sbl__surface_step(&c->device, surface, &request, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
     middle = pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE / 2 + SBL__TRIAL_SIZE / 2];
