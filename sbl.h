@@ -1861,13 +1861,13 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>device       textures, targets, programs, draws, time; staged work. No room below calls GL directly
    the scene      >>check        checks descriptors before anything changes
                   >>geometry     reads, checks and converts meshes
-                  >>topology     what triangles share: welded vertices, sides, groups, values that spread to neighbours
+                  >>topology     connections of triangles: welded vertices, sides; values that spread to neighbours
                   >>solver       least squares by conjugate gradients
                   >>textures     the texels of all textures, in one table
-                  >>material     what surfaces do with light: emission, reflection, holes
+                  >>material     how surfaces emit, reflect and transmit light, and where they have holes
                   >>environment  the sky: constant radiance and a picture
                   >>bvh          the bounding volume hierarchy that rays traverse
-                  >>lamps        everything that sensors send rays to, and the trees that group lamps
+                  >>lamps        the light sources that sensors send rays to, and the trees that group them
                   >>store        bounced light: the cells on surfaces, and the hash grid that finds them
                   >>scene        the rooms above as one scene; GLSL that all shaders share
                   >>glow         surfaces whose bounced light is so bright that they are lamps
@@ -1875,19 +1875,19 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
-                  >>guide        sends rays to where nearby rays have found light
+                  >>guide        sends rays in directions in which nearby rays have found light
                   >>aim          rays towards lamps, and the sequences that all rays follow
                   >>raster       measures by drawing views, as the paper does
                   >>trace        measures by tracing rays
                   >>job          the core: takes sites, returns readings, by rays or by views
    bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
                   >>saved        writes the store to a stream and reads it
-   a picture      >>refine       which pixels get sensors, interpolation, the predicted error
+   a picture      >>refine       chooses the pixels that get sensors, interpolates, predicts the error
                   >>filter       smooths R
                   >>resolve      composition and anti-aliasing
-                  >>gutters      continues a lightmap into the texels around its charts
+                  >>gutters      continues the light of charts into the texels around them
                   >>seams        makes a lightmap equal on both sides of its seams
-   front ends     >>work         what all front ends have in common: begin, step, progress
+   front ends     >>work         the common parts of all front ends: begin, step, progress
                   >>map          the radiance map, which pictures and lightmaps share
                   >>reflections  light that specular lobes reflect to the camera
                   >>picture      pictures
@@ -1960,7 +1960,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    point                                                a place where light is measured: in a leaf, or on a triangle
    ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
-   lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
+   lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
    atlas        sbl__atlas        >>atlas               the map of a lightmap: its texels and their triangles
    chart                                                triangles that touch in the world and in the atlas
@@ -2015,7 +2015,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        sbl__compile_all (>>public) lists the programs that compile_ahead compiles. SBL__RECORD makes a C struct and the
        GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
-   To change what a surface does with light (emission, reflection, cut-out):
+   To change how surfaces emit, reflect or transmit light, or where they have holes:
        edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU;
        tests/test_material.c compares the two. Other shaders must not read a material. A new property of materials goes
        to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
@@ -2032,7 +2032,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #include <stdlib.h>
 #include <string.h>
 #ifdef _WIN32
-  /* These declarations have exactly the types of those in windows.h, so that the host may include windows.h before this
+  /* These declarations have exactly the same types as in windows.h, so that the host may include windows.h before this
      file, after it, or not at all. No identifier in this file may be a macro of windows.h, such as near, far, small or
      interface; tests/test_windows.sh checks it. */
   #ifdef __cplusplus
