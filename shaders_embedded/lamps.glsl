@@ -97,8 +97,8 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
         vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);
         vec2 centre = lowest + (texel + 0.5) / rect.zw * size;
-        ivec2 at = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
-        float shown = texelFetch(view_texture, at, 0).a, seen = abs(shown) * extent;
+        ivec2 sheet_texel = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
+        float shown = texelFetch(view_texture, sheet_texel, 0).a, seen = abs(shown) * extent;
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
