@@ -2927,8 +2927,8 @@ typedef struct sbl__record {
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
                                           viewer or, at sites of >>vertices, the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
-#define SBL__BELONGS_TURN 0.2f         /* from a cosine of BELONGS_COSINE + this on, sbl_belongs ignores the angle */
-#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls from 1 to 0 while this * (larger distance of one point from
+#define SBL__BELONGS_RANGE 0.2f        /* from a cosine of BELONGS_COSINE + this on, sbl_belongs ignores the angle */
+#define SBL__BELONGS_PLANE 8.0f        /* sbl_belongs falls from 1 to 0 while this * (larger distance of one point from
                                           the other's plane) / (distance of the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this fraction of a pixel's light to its noise, because nobody
                                           sees differences that small */
@@ -2963,8 +2963,8 @@ typedef struct sbl__record {
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
-    X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
+    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
     X(MIRROR_DIFFUSE)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
@@ -5765,7 +5765,7 @@ static const char *const sbl__glsl_material[] = {
 "// A reflected ray.\n",
 "struct sbl_Bounce {\n",
 "    vec3 direction;\n",
-"    vec3 off;     // unit normal, on the side where the ray starts\n",
+"    vec3 normal;  // unit normal, on the side where the ray starts\n",
 "    vec3 weight;  // factor of the radiance that the ray returns\n",
 "};\n",
 "\n",
@@ -11299,13 +11299,13 @@ static const char *const sbl__glsl_lamp[] = {
 "                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
-"        // off: 1 - cosine of the angle between the ray and the direction to the centre\n",
-"        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
-"        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
-"        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);\n",
+"        // versine: 1 - cosine of the angle between the ray and the direction to the centre\n",
+"        float cosine = sqrt(1.0 - l.sine2), versine = u.x * l.sine2 / (1.0 + cosine);\n",
+"        float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
+"        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
-"            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+"            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "    }\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
@@ -11324,7 +11324,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "struct sbl_Pick {\n",
 "    int leaf;      // index of the picked lamp\n",
-"    float share;   // probability of picking this lamp\n",
+"    float chance;  // probability of picking this lamp\n",
 "    vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend\n",
 "    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
@@ -11334,7 +11334,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
 "    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold\n",
-"    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
+"    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);\n",
 "    int beyond = node < 0 ? lamp_nodes : sbl_cluster(node).beyond;\n",
 "    for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
@@ -11342,7 +11342,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
 "        bool first = p.u.x < share;\n",
 "        node = first ? node + 1 : left.beyond;\n",
-"        p.share *= first ? share : 1.0 - share;\n",
+"        p.chance *= first ? share : 1.0 - share;\n",
 "        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
 "    }\n",
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
@@ -11626,7 +11626,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "    float width = strengths[low] - before;\n",
 "    p.u.x = clamp((wanted - before) / width, 0.0, 1.0);\n",
-"    p.share = width / total;\n",
+"    p.chance = width / total;\n",
 "    return entries[low];\n",
 "}\n",
 "\n",
@@ -11658,12 +11658,12 @@ static const char *const sbl__glsl_lamps[] = {
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;\n",
-"    vec3 light = s.light / p.share, to = s.direction, unhindered = light;\n",
+"    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;\n",
 "#ifdef SBL_LOBE\n",
 "    unhindered *= sbl_cosine_factor(s.direction);\n",
 "    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
 "    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
-"    s.light = light * p.share;\n",
+"    s.light = light * p.chance;\n",
 "#endif\n",
 "    vec4 counts = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
@@ -12612,7 +12612,7 @@ static const char *const sbl__glsl_reflect[] = {
 "    uvec4 random = uvec4(hash, 0, 0, 0);\n",
 "    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));\n",
 "    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));\n",
-"    n = bounce.off;\n",
+"    n = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
 "    stand = position + above * n;\n",
@@ -12645,12 +12645,12 @@ static const char *const sbl__glsl_reflect[] = {
 "    sbl_Sample s = sbl_sample(l, p.u);\n",
 "    r.number = l.number;\n",
 "    r.layer = l.layer;\n",
-"    r.light = sbl_reflected(material, s.light) * (unit / p.share);\n",
+"    r.light = sbl_reflected(material, s.light) * (unit / p.chance);\n",
 "#ifdef SBL_SPECULAR\n",
 "    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
 "        float met = sbl_met_by_lobe(l, s, sbl_lobe_density(shine, s.direction));\n",
 "        r.light = sbl_lobe_factor(shine, s.direction) * s.light;\n",
-"        r.light *= material.opacity * (1.0 - met) * unit / p.share;\n",
+"        r.light *= material.opacity * (1.0 - met) * unit / p.chance;\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -15898,9 +15898,9 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     double uncertainty2 = 0, smoothed2 = 0, all = 0;
     int i, j, k;
     for (k = 0; k < 3; k++) {
-        const double own_light = fabs((double)solved[k]), off = own_light > 0 ? ((double)light[k] - own[k]) / own_light
-                                                                              : 0;
-        uncertainty2 += off * off / 3;
+        const double own_light = fabs((double)solved[k]);
+        const double noise = own_light > 0 ? ((double)light[k] - own[k]) / own_light : 0;
+        uncertainty2 += noise * noise / 3;
         all += (double)sbl__luminance_weights[k] * own_light;
         light[k] = solved[k];
     }
@@ -16718,18 +16718,18 @@ static float sbl__abs(float x) { return (float)fabs((double)x); }
 /* Returns the weight, 0 to 1, for using light of pixel b at pixel a: 0 if ids differ or are 0, otherwise 1 if
    geometry_aware is 0 or a is b, otherwise the result of sbl_belongs in belongs.glsl. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
-    float d[3], off, apart, turn, plane;
+    float d[3], from_plane, apart, parallel, plane;
     int k;
     if (a->id != b->id || a->id == 0) return 0;
     if (!geometry_aware || a == b) return 1;
-    turn = (sbl__dot(a->normal, b->normal) - SBL__BELONGS_COSINE) / SBL__BELONGS_TURN;
-    if (turn <= 0) return 0;
-    turn = SBL__MIN(turn, 1.0f);
+    parallel = (sbl__dot(a->normal, b->normal) - SBL__BELONGS_COSINE) / SBL__BELONGS_RANGE;
+    if (parallel <= 0) return 0;
+    parallel = SBL__MIN(parallel, 1.0f);
     for (k = 0; k < 3; k++) d[k] = b->position[k] - a->position[k];
-    off = SBL__MAX(sbl__abs(sbl__dot(d, a->normal)), sbl__abs(sbl__dot(d, b->normal)));
+    from_plane = SBL__MAX(sbl__abs(sbl__dot(d, a->normal)), sbl__abs(sbl__dot(d, b->normal)));
     apart = (float)sqrt((double)sbl__dot(d, d));
-    plane = 2 - SBL__BELONGS_OFF * off / SBL__MAX(apart, SBL__DIVISOR_LEAST);
-    return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
+    plane = 2 - SBL__BELONGS_PLANE * from_plane / SBL__MAX(apart, SBL__DIVISOR_LEAST);
+    return parallel * parallel * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
 }
 
 /* Returns 1 if a pixel has light of its own that other pixels may use. */
@@ -18495,10 +18495,11 @@ static const char *const sbl__glsl_belongs[] = {
 "// and m and from the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal\n",
 "// ids.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
-"    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
+"    float parallel = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_RANGE, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
-"    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
-"    return turn * turn * clamp(2.0 - SBL_BELONGS_OFF * off / max(apart, SBL_DIVISOR_LEAST), 0.0, 1.0);\n",
+"    float from_plane = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
+"    float plane = 2.0 - SBL_BELONGS_PLANE * from_plane / max(apart, SBL_DIVISOR_LEAST);\n",
+"    return parallel * parallel * clamp(plane, 0.0, 1.0);\n",
 "}\n",
 0 };
 /* <<glsl */

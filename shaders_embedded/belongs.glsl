@@ -2,8 +2,9 @@
 // and m and from the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal
 // ids.
 float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {
-    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);
+    float parallel = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_RANGE, 0.0, 1.0);
     vec3 d = q - p;
-    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);
-    return turn * turn * clamp(2.0 - SBL_BELONGS_OFF * off / max(apart, SBL_DIVISOR_LEAST), 0.0, 1.0);
+    float from_plane = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);
+    float plane = 2.0 - SBL_BELONGS_PLANE * from_plane / max(apart, SBL_DIVISOR_LEAST);
+    return parallel * parallel * clamp(plane, 0.0, 1.0);
 }

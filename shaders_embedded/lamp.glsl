@@ -299,13 +299,13 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
                                         mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));
     }
     if (sbl_is_light(l)) {
-        // off: 1 - cosine of the angle between the ray and the direction to the centre
-        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);
-        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;
-        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);
+        // versine: 1 - cosine of the angle between the ray and the direction to the centre
+        float cosine = sqrt(1.0 - l.sine2), versine = u.x * l.sine2 / (1.0 + cosine);
+        float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;
+        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_NEAR_LIGHT)
-            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
+            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
     }
     s.light *= max(dot(n, s.direction), 0.0);
     return s;
@@ -324,7 +324,7 @@ float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
 
 struct sbl_Pick {
     int leaf;      // index of the picked lamp
-    float share;   // probability of picking this lamp
+    float chance;  // probability of picking this lamp
     vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend
     bool cluster;  // true: the lamp was picked from a cluster
 };
@@ -334,7 +334,7 @@ struct sbl_Pick {
 // stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // adds the low bits of the fraction, which a float between 0 and 1 cannot hold
-    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);
+    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);
     int beyond = node < 0 ? lamp_nodes : sbl_cluster(node).beyond;
     for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {
         sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
@@ -342,7 +342,7 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
         float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
         bool first = p.u.x < share;
         node = first ? node + 1 : left.beyond;
-        p.share *= first ? share : 1.0 - share;
+        p.chance *= first ? share : 1.0 - share;
         p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
     }
     p.leaf = int(sbl_lamp_node_first_leaf(node));

@@ -253,7 +253,7 @@ int sbl_pick_entry(inout sbl_Pick p) {
     }
     float width = strengths[low] - before;
     p.u.x = clamp((wanted - before) / width, 0.0, 1.0);
-    p.share = width / total;
+    p.chance = width / total;
     return entries[low];
 }
 
@@ -285,12 +285,12 @@ bool reporting;                               // true: sbl_shoot reports its ray
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
     bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;
-    vec3 light = s.light / p.share, to = s.direction, unhindered = light;
+    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
     unhindered *= sbl_cosine_factor(s.direction);
     float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));
     if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
-    s.light = light * p.share;
+    s.light = light * p.chance;
 #endif
     vec4 counts = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;

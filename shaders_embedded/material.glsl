@@ -184,7 +184,7 @@ vec3 sbl_bounced(sbl_Material m, vec3 tint) {
 // A reflected ray.
 struct sbl_Bounce {
     vec3 direction;
-    vec3 off;     // unit normal, on the side where the ray starts
+    vec3 normal;  // unit normal, on the side where the ray starts
     vec3 weight;  // factor of the radiance that the ray returns
 };
 

@@ -48,7 +48,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     uvec4 random = uvec4(hash, 0, 0, 0);
     for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
-    n = bounce.off;
+    n = bounce.normal;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     stand = position + above * n;
@@ -81,12 +81,12 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     sbl_Sample s = sbl_sample(l, p.u);
     r.number = l.number;
     r.layer = l.layer;
-    r.light = sbl_reflected(material, s.light) * (unit / p.share);
+    r.light = sbl_reflected(material, s.light) * (unit / p.chance);
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         float met = sbl_met_by_lobe(l, s, sbl_lobe_density(shine, s.direction));
         r.light = sbl_lobe_factor(shine, s.direction) * s.light;
-        r.light *= material.opacity * (1.0 - met) * unit / p.share;
+        r.light *= material.opacity * (1.0 - met) * unit / p.chance;
     }
 #endif
 #ifdef SBL_TEXTURED
