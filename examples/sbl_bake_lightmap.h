@@ -40,6 +40,9 @@ static const char *target_base(int target) {
     return slash ? slash + 1 : targets[target].name;
 }
 
+/* Returns the name of a file of a map without its folder. */
+static const char *map_file(int map, int file) { return target_base(map_target(map, file)); }
+
 /* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
    status. */
 static int target_add(int number, size_t folder, const char *name) {
@@ -374,13 +377,37 @@ static int keep_lit(map_scene *s) {
                 1e-6 * LIT_BYTES * l->size * l->size);
 }
 
-/* Writes the names of the files that hold an atlas. */
-static void put_atlases(FILE *out, int map) {
+/* Writes a JSON list of the files that hold a picture of a map, one per format. */
+static void put_files(FILE *out, int map, int picture) {
     int format, count = 0;
+    fputc('[', out);
     for (format = 0; format < MAP_FORMATS; format++)
-        if (map_is_written(format, MAP_ATLAS))
-            fprintf(out, "%s\"%s\"", count++ ? ", " : "",
-                    target_base(map_target(map, format * MAP_PICTURES + MAP_ATLAS)));
+        if (map_is_written(format, picture))
+            fprintf(out, "%s\"%s\"", count++ ? ", " : "", map_file(map, format * MAP_PICTURES + picture));
+    fputc(']', out);
+}
+
+/* Writes the members of a map in the table that name its files. */
+static void put_map(FILE *out, int map) {
+    static const int others[] = { AO_PNG, SKY_PNG, SHADOW_PNG };
+    int i;
+    fprintf(out, "\"atlas\": ");
+    put_files(out, map, MAP_ATLAS);
+    for (i = 0; i < 4 && given[DIRECTIONAL]; i++) {
+        fprintf(out, "%s", i ? ", " : ", \"sh\": [");
+        put_files(out, map, MAP_SH + i);
+    }
+    if (given[DIRECTIONAL]) fputc(']', out);
+    for (i = 0; i < groups.list.count; i++) {
+        fprintf(out, "%s", i ? ", " : ", \"groups\": {");
+        gltf__put_name(out, groups.list.names[i]);
+        fprintf(out, ": ");
+        put_files(out, map, MAP_GROUPS + i);
+    }
+    if (groups.list.count) fputc('}', out);
+    for (i = 0; i < (int)(sizeof others / sizeof *others); i++)
+        if (file_is_written(others[i]))
+            fprintf(out, ", \"%s\": \"%s\"", other_names[others[i] - ATLAS_PNG].base, map_file(map, others[i]));
 }
 
 /* Writes the table of all maps, and of the nodes whose meshes are in them. */
@@ -390,9 +417,9 @@ static int write_table(FILE *out, const void *what) {
     int i, count = 0, last = -1;
     fprintf(out, "{\n  \"size\": %d,\n  \"maps\": [", options.lightmap);
     for (i = 0; i < map_count; i++) {
-        fprintf(out, "%s\n    {\"atlas\": [", i ? "," : "");
-        put_atlases(out, i);
-        fprintf(out, "], \"png\": \"%s\", \"intensity\": %.7g", s->maps[i].name, s->maps[i].intensity);
+        fprintf(out, "%s\n    {", i ? "," : "");
+        put_map(out, i);
+        fprintf(out, ", \"png\": \"%s\", \"intensity\": %.7g", s->maps[i].name, s->maps[i].intensity);
         if (options.formats.wanted[MAP_RGBM]) fprintf(out, ", \"rgbm_range\": %.9g", s->baked[i].range);
         fputc('}', out);
     }

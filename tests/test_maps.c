@@ -60,12 +60,32 @@ static void check_files(const char *all, const char *const *files, int count) {
         }
 }
 
+/* Checks that maps.json of a folder contains these texts, and that the files of map 1 which it names exist. */
+static void check_table(const char *baked, const char *const *texts, int count) {
+    static char text[32768];
+    char name[64];
+    const char *at;
+    int lines, i;
+    snprintf(name, sizeof name, "%s/maps.json", baked);
+    read_text(in_folder(name), text, sizeof text, &lines);
+    for (i = 0; i < count; i++) CHECK(strstr(text, texts[i]) != NULL, "%s is not in the table: %s", texts[i], text);
+    for (at = strstr(text, "_1."); at; at = strstr(at + 1, "_1.")) {
+        const char *first = at, *const last = strchr(at, '"');
+        while (first > text && first[-1] != '"') first--;
+        snprintf(name, sizeof name, "%s/%.*s", baked, last ? (int)(last - first) : 0, first);
+        CHECK(exists(name), "the table names %s, which does not exist", name);
+    }
+}
+
 /* >>all maps */
 
 /* Each map is, to the bit, that of its own run, and the bounced light is measured once. */
 TEST(maps_are_those_of_their_own_runs) {
     static const char *const files[] = { "lightmap.pfm", "lightmap.ktx2", "atlas.pfm", "atlas.ktx2", "atlas.png",
                                          "sh_3.pfm", "ao.png", "sky.png", "shadow.png" };
+    static const char *const named[] = { "\"atlas\": [\"atlas_1.", "\"sh\": [[\"sh_0_1.",
+                                         "\"ao\": \"ao_1.png\", \"sky\": \"sky_1.png\", \"shadow\": "
+                                         "\"shadow_1.png\"" };
     double rays;
     if (!make_room()) SKIP("built without cJSON");
     CHECK(TOOL(BAKE, "--directional", "--ao", "1", "--shadow-mask", "--quiet", "-o", "all", "--stats", "all.json") == 0,
@@ -75,6 +95,7 @@ TEST(maps_are_those_of_their_own_runs) {
     CHECK(TOOL(BAKE, "--directional", "--ao", "1", "--shadow-mask", "--quiet", "--map", "1", "-o", "one_1") == 0, "%s",
           ran.err);
     check_files("all", files, (int)(sizeof files / sizeof *files));
+    check_table("all", named, 3);
     CHECK(!same_files("one_0/atlas.pfm", "one_1/atlas.pfm"), "both maps are the same");
     CHECK(!exists("all/atlas.pfm") && !exists("one_0/maps.json") && exists("all/scene_lit.glb"), "other files");
     rays = number_after("0.json", "\"bounce_rays\":");
@@ -87,11 +108,14 @@ TEST(maps_are_those_of_their_own_runs) {
 /* Light groups have a file for each map. */
 TEST(groups_of_maps) {
     static const char *const files[] = { "atlas_lamp.pfm", "atlas_rest.pfm" };
+    static const char *const named[] = { "\"groups\": {\"lamp\": [\"atlas_lamp_1.pfm\"], \"rest\": ["
+                                         "\"atlas_rest_1.pfm\"]}" };
     if (!make_room()) SKIP("built without cJSON");
     CHECK(TOOL(DIRECT, "--light-groups", "lamp", "--lit", "0", "-o", "all") == 0, "%s", ran.err);
     CHECK(TOOL(DIRECT, "--light-groups", "lamp", "--lit", "0", "--map", "0", "-o", "one_0") == 0, "%s", ran.err);
     CHECK(TOOL(DIRECT, "--light-groups", "lamp", "--lit", "0", "--map", "1", "-o", "one_1") == 0, "%s", ran.err);
     check_files("all", files, 2);
+    check_table("all", named, 1);
 }
 
 /* >>which mesh is in which map */
