@@ -1,5 +1,5 @@
-/* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and
-   viewers. `sbl_bake --help` explains its options. */
+/* A baking tool on top of sbl.h: reads a scene file, bakes its light, and writes it for engines and viewers. `sbl_bake
+   --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -31,13 +31,13 @@ static struct options {
     int lightmap, map, gutter, supersample, samples, grid[3], cubemap_size;
     part_choice part;
     const char *join;
-    const char *positions;  /* file with the positions of probes, or NULL for a grid */
+    const char *positions;  /* file with the positions of the probes; NULL: they form a grid */
     const char *light_groups;
     double target_error, move, smoothing, ao;
     const char *format_list;
     map_formats formats;
     int lit;
-    double stops;  /* exposure of scene_lit.glb; NAN: it is chosen */
+    double stops;  /* exposure of scene_lit.glb; NAN: automatic */
 } options = { .stops = NAN };
 
 enum {
@@ -262,7 +262,7 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 static light_groups groups;
-static sbl_material *grouped_materials;  /* see groups_assign */
+static sbl_material *grouped_materials;  /* NULL, or the copied materials of groups_assign */
 
 static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
@@ -329,7 +329,7 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
-/* Reads the value of --part. Returns the exit status. */
+/* Reads the value of --part and checks the output name against it. Returns the exit status. */
 static int parse_part(void) {
     if (!given[PART]) return DONE;
     if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
@@ -344,7 +344,7 @@ static int parse_part(void) {
     return plan_part_and_output(&options.part);
 }
 
-/* Reads the list of formats. Returns the exit status. */
+/* Reads and checks the value of --formats. Returns the exit status. */
 static int parse_formats(void) {
     const char *list = given[FORMATS] ? options.format_list : MAP_DEFAULT;
     const char *const wrong = map_formats_read(&options.formats, list);
@@ -361,7 +361,7 @@ static int parse_formats(void) {
     return DONE;
 }
 
-/* Returns whether scene_lit.glb is written. */
+/* Returns 1 if this run writes scene_lit.glb. */
 static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
@@ -369,7 +369,7 @@ static int parse(int argc, char **argv) {
         MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, PLAN, JOIN, RESUME,
         TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 12 };  /* from this index on, --cubemaps takes the options, too */
+    enum { ALSO_OF_CUBEMAPS = 12 };  /* the options from this index on also work with --cubemaps */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -432,11 +432,11 @@ static int parse(int argc, char **argv) {
     return DONE;
 }
 
-/* ---- one file ---- */
+/* ---- bakes with a single output file ---- */
 
 enum { ONE_FILE = OWN_TARGETS, VERTEX_BIN, VERTEX_TEXTURES };
 
-/* Lists the file of --output. Returns the exit status. */
+/* Adds the file of --output to the targets. Returns the exit status. */
 static int find_file(void) {
     targets_begin();
     output_find(&targets[ONE_FILE], common.output);
@@ -444,7 +444,7 @@ static int find_file(void) {
     return targets_check(target_count, given);
 }
 
-/* Gives the sources of the scene their light groups, if there are any. Returns the exit status. */
+/* Assigns light groups to the sources of the scene if --light-groups is given. Returns the exit status. */
 static int assign_groups(scene_file *file) {
     if (!given[LIGHT_GROUPS] || groups_assign(&groups, file, &grouped_materials)) return DONE;
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
@@ -454,21 +454,21 @@ enum { CUBEMAPS_MOST = 10000 };  /* greatest number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 
-/* ---- parts ---- */
+/* ---- dividing the work into parts ---- */
 
-static bake_facts facts;  /* of the part; without --part, the range is the whole */
+static bake_facts facts;  /* the facts of this part; without --part, the range covers everything */
 
-/* Sets the range to the probes or meshes from number `first` on, `count` of `total`. */
+/* Sets the range to `count` of `total` probes or meshes, starting at the index `first`. */
 static void set_range(int first, int count, int total) {
     facts.range[BAKE_FIRST] = first;
     facts.range[BAKE_COUNT] = count;
     facts.range[BAKE_TOTAL] = total;
 }
 
-/* Returns how many of `total` probes precede part number k, from 0 on. */
+/* Returns the number of probes, of `total`, that come before the part with the index k, from 0. */
 static int probes_before(int k, int total) { return (int)((long long)k * total / options.part.count); }
 
-/* Sets the range to the probes of the part. Returns the exit status. */
+/* Sets the range to the probes of this part. Returns the exit status. */
 static int find_probes(int total) {
     const int k = options.part.number - 1;
     set_range(0, total, total);
@@ -479,9 +479,9 @@ static int find_probes(int total) {
     return DONE;
 }
 
-/* Sets the range to the meshes of the part. Every part gets a mesh, and then those whose middle triangle lies before
-   the end of the part's share of all triangles, but leaves a mesh for each of the parts that follow. Returns the exit
-   status. */
+/* Sets the range to the meshes of this part. Each part gets one mesh, and then further meshes as long as the middle
+   triangle of the next mesh is within the share of the part of all triangles. Enough meshes are left for one in each
+   later part. Returns the exit status. */
 static int find_meshes(const scene_file *file) {
     const sbl_mesh *m = file->scene.meshes;
     const int meshes = file->scene.mesh_count, parts = options.part.count;
@@ -502,7 +502,7 @@ static int find_meshes(const scene_file *file) {
     return DONE;
 }
 
-/* Sets the texts of the facts. what: what is baked, with all that the options do not say */
+/* Sets the texts of the facts. what: describes what is baked, as far as the options do not */
 static void find_facts(const sbl_context *context, const char *what) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    VERTICES, PROBES, PART, -1 };
@@ -522,14 +522,14 @@ static void find_facts(const sbl_context *context, const char *what) {
     bake_fact(&facts, BAKE_PART, text);
 }
 
-/* ---- vertices ---- */
+/* ---- baking vertices ---- */
 
 typedef struct vertices {
     const sbl_scene_desc *scene;
-    const sbl_mesh *meshes;  /* those that are baked, a range of the scene's */
+    const sbl_mesh *meshes;  /* the meshes that are baked, a range of the meshes of the scene */
     int mesh_count;
-    float *radiance;         /* R, and then the light of each group */
-    size_t count;            /* number of vertices in these meshes */
+    float *radiance;         /* R of all vertices, then the light of each group */
+    size_t count;            /* number of vertices of these meshes */
     double faces;
     gltf_file gltf;
     int texture;
@@ -537,8 +537,8 @@ typedef struct vertices {
 
 static char bin_name[PATH_MAX];
 
-/* Finds the meshes of the part, or, if --output is a .gltf, lists the files that it refers to. Returns the exit status.
-   */
+/* Finds the meshes of this part. If --output is a .gltf, also lists the files that it refers to. Returns the exit
+   status. */
 static int find_vertex_files(scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
@@ -566,8 +566,8 @@ static void add_cross(const double a[3], const double b[3], double scale, double
     out[2] += scale * (a[0] * b[1] - a[1] * b[0]);
 }
 
-/* Transforms a normal by the cofactors of the matrix, which keep it perpendicular to its surface. The sign of the
-   determinant flips the normal where the mesh is mirrored. */
+/* Transforms a normal by the cofactor matrix, which keeps it perpendicular to the surface. If the matrix mirrors, the
+   sign of the determinant flips the normal. */
 static void transform_normal(const float m[16], const float *n, double out[3]) {
     double column[3][3], normal[3] = { 0, 0, 0 }, determinant[3] = { 0, 0, 0 };
     int i, k, moved = 0;
@@ -580,8 +580,8 @@ static void transform_normal(const float m[16], const float *n, double out[3]) {
                               column[0][2] < 0 ? -1 : 1);
 }
 
-/* Returns the unit normals of all vertices in world space: those of the file, or else the area-weighted mean over
-   triangles. Returns NULL if memory runs out. */
+/* Returns the unit normals of all vertices in world space: the normals of the file, or else the mean of the normals of
+   the adjoining triangles, weighted by area. The caller frees them. Returns NULL if memory runs out. */
 static double *normals_of(const sbl_mesh *m) {
     const float *positions = (const float *)m->positions.data, *normals = (const float *)m->normals.data;
     const uint32_t *indices = (const uint32_t *)m->indices.data;
@@ -651,7 +651,7 @@ static int write_vertex_texture(FILE *out, const void *what) {
 static int keep_vertices(vertices *v) {
     const int gltf = ends_with(common.output, ".gltf"), files = gltf ? v->scene->texture_count + 2 : 1;
     int i;
-    for (i = 0; i < files; i++) {  /* the file that refers to the others is written last */
+    for (i = 0; i < files; i++) {  /* the file that refers to all others is written last */
         const int last = i == files - 1, bin = i == files - 2;
         output_file *target = &targets[last ? ONE_FILE : bin ? VERTEX_BIN : VERTEX_TEXTURES + i];
         v->texture = i;
@@ -663,7 +663,7 @@ static int keep_vertices(vertices *v) {
     return DONE;
 }
 
-/* Describes which vertices are baked. list: room for the numbers of the part's meshes */
+/* Sets the meshes of the bake. list: receives the indices of the meshes of this part */
 static void choose_meshes(vertices *v, sbl_vertices_desc *desc, int *list) {
     int i;
     v->meshes = v->scene->meshes + facts.range[BAKE_FIRST];
@@ -720,14 +720,14 @@ static int bake_vertices(tool_task *task, double *seconds) {
     return status;
 }
 
-/* ---- probes ---- */
+/* ---- baking probes ---- */
 
 typedef struct probes { sbl_probe *all, *parts; float *positions; int count; bake_grid grid; } probes;
 
-static probes listed;  /* the positions of the file of --probes */
+static probes listed;  /* the positions from the file of --probes or --cubemaps */
 
-/* Reads three numbers, separated by blanks or a comma. Returns 1; 0 if the line is empty or a comment; -1 if it is
-   anything else. */
+/* Reads three numbers, separated by blanks or a comma. Returns 1; or 0 if the line is empty or a comment; or -1 if it
+   is anything else. */
 static int read_position(char *line, float out[3]) {
     char *at = line, *end;
     int k;
@@ -742,7 +742,7 @@ static int read_position(char *line, float out[3]) {
     return *at ? -1 : 1;
 }
 
-/* Reads the file of positions, if there is one. Returns the exit status. */
+/* Reads the file of positions, if one is given. Returns the exit status. */
 static int read_positions(void) {
     probes *p = &listed;
     FILE *in = options.positions ? input_open(options.positions) : NULL;
@@ -780,7 +780,7 @@ static int write_probes(FILE *out, const void *what) {
     return 1;
 }
 
-/* Finds the probes of the part: of the list, or of the grid. Returns the exit status. */
+/* Reads the positions of the probes, checks their number, and sets the range of this part. Returns the exit status. */
 static int prepare_probes(void) {
     const int *grid = options.grid;
     const double points = (double)grid[0] * grid[1] * grid[2];
@@ -794,7 +794,7 @@ static int prepare_probes(void) {
     return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
-/* Writes words that identify the probes: the size of their grid, or their number and a hash of their positions. */
+/* Writes a text that identifies the probes: the size of their grid, or their number and a hash of their positions. */
 static void describe_probes(char *out, size_t size) {
     const size_t bytes = 12 * (size_t)listed.count;
     if (options.positions)
@@ -845,7 +845,7 @@ static int bake_probes(tool_task *task, double *seconds) {
 
 #include "sbl_bake_cubemaps.h"
 
-/* ---- the whole tool ---- */
+/* ---- the main program ---- */
 
 int main(int argc, char **argv) {
     const double start = now();
@@ -864,7 +864,7 @@ int main(int argc, char **argv) {
     targets_free();
     free(listed.positions);
     free(grouped_materials);
-    if (folder_is_new && status != DONE) rmdir(common.output);  /* leaves a folder that contains files */
+    if (folder_is_new && status != DONE) rmdir(common.output);  /* does not remove a folder that contains files */
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
     return status;
 }
