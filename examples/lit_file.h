@@ -12,8 +12,10 @@
    Include after gltf_file.h.
 
        lit_scene lit = { &file->scene, file->names, file->maps, &atlas, 1, 2048 };
-       ok = lit_meter(&lit, &light);  // once for each map lit.stops = lit_stops(&lit); ok = ok && lit_spare(&lit) &&
-       lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted); lit_free(&lit); */
+       ok = lit_meter(&lit, &light);  // once for each map
+       lit.stops = lit_stops(&lit);
+       ok = ok && lit_spare(&lit) && lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
+       lit_free(&lit); */
 #ifndef LIT_FILE_H
 #define LIT_FILE_H
 
