@@ -734,8 +734,7 @@ static void write_closed_room(void) {
     unsigned indices[36];
     FILE *out;
     int i, k;
-    for (i = 0; i < 24; i++) {  /* wall i / 4 is at the lower or upper end of the axis wall / 2; its corners go around
-                                   it */
+    for (i = 0; i < 24; i++) {  /* wall i / 4 is at the lower or upper end of axis wall / 2; its corners go around it */
         const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2,
             v = (i & 3) >= 2;
         for (k = 0; k < 3; k++) positions[i][k] = 0;

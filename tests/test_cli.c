@@ -962,8 +962,7 @@ TEST(stores_in_closed_folders) {
     room_obj();
     remove(in_folder("light.sbl"));
     REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0 && realpath(in_folder("."), path), "%s", ran.err);
-    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves 20 characters: enough for l.sbl, too few for the 24 of
-                                                          a temporary name */
+    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves 20 characters: enough for l.sbl, too few for 24 */
         size_t more = PATH_MAX - 22 - length;
         if (more > 200) more = more > 300 ? 200 : 100;
         memset(path + length, 'd', more);

@@ -706,10 +706,8 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
     return worst;
 }
 
-static const float lid_up[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };    /* counter-clockwise, as seen from
-                                                                                  above */
-static const float lid_down[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };  /* counter-clockwise, as seen from
-                                                                                  below */
+static const float lid_up[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };    /* counter-clockwise from above */
+static const float lid_down[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };  /* counter-clockwise from below */
 
 /* R of the floor under a lid is the sum of the closed forms of the lid and the sky. */
 TEST(lid_and_sky) {

@@ -471,8 +471,7 @@ TEST(texels_show_what_rays_meet) {
     for (i = 0; i < TEXELS; i++) {
         int near_edge = 0, x = i % SIDE, y = i / SIDE % SIDE, k;
         double expected[5];
-        for (k = 0; k < 5; k++) {  /* the centre of the texel and its corners, because anti-aliasing mixes their
-                                      colours */
+        for (k = 0; k < 5; k++) {  /* anti-aliasing mixes the centre of the texel with its corners */
             gl_direction(i / SIDE / SIDE, (2.0 * x + 1 + (k % 3 - 1) * (k > 0)) / SIDE - 1,
                          (2.0 * y + 1 + (k > 2 ? 1 : k > 0 ? -1 : 0)) / SIDE - 1, d);
             expected[k] = meet(box, at, d, 1, NULL) > 0 ? 0.5 : emitted[(meet(room, at, d, 0, &side), side)];

@@ -8,8 +8,7 @@
 #include "support/gl_host.h"
 #include "support/gl_fake.h"
 
-enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 70 * PIXELS };  /* 21 channels have 3 floats per
-                                                                                     pixel, and 7 have 1 */
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 70 * PIXELS };  /* 21 channels of 3 floats, 7 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
 
 static watch seen;
@@ -468,8 +467,7 @@ static const char host_camera[] =
     "layout(location = 4) out vec4 out_emission;\n"
     "layout(location = 5) out uint out_id;\n"
     "void main() {\n"
-    "    vec3 ray = position - eye;\n"   /* moves the interpolated position along the ray back onto the plane of its
-                                            triangle */
+    "    vec3 ray = position - eye;\n"   /* moves the interpolated position along the ray back into its plane */
     "    vec3 p = eye + ray * (dot(on_plane - eye, normal) / dot(ray, normal));\n"
     "    vec3 n = dot(normal, ray) > 0.0 ? -normal : normal;\n"
     "    out_position = vec4(p, 0);\n"

@@ -140,8 +140,7 @@ static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, u
     int i;
     if (k->lamp) return k->radiance[0] * ref_quad_light(caster, p, n, k->corners[0], k->lamp, 20, seed);
     for (i = 0; i < k->count; i++) light += k->radiance[i] * ref_polygon(p, n, k->corners[i], 4);
-    if (k->height > 0) {  /* subtracts the light that the rectangle hides, which is its projection onto the plane of the
-                             lamp */
+    if (k->height > 0) {  /* the hidden light is the projection of the rectangle onto the plane of the lamp */
         const double t = k->lamp_height / k->height;
         const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)),
             x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
