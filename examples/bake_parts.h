@@ -273,7 +273,7 @@ static inline int bake__text(const char **at, char end, char out[PICTURE_FACT_SI
 }
 
 /* Reads an integer from 0 to INT_MAX without leading zeros. Returns 0 if the text has another form. */
-static inline int bake__count(const char **at, int *out) {
+static inline int bake__read_count(const char **at, int *out) {
     const size_t digits = strspn(*at, "0123456789");
     const double number = digits && digits <= 10 ? strtod(*at, NULL) : -1;
     if (number < 0 || number > INT_MAX || (**at == '0' && digits > 1)) return 0;
@@ -283,7 +283,7 @@ static inline int bake__count(const char **at, int *out) {
 }
 
 /* Skips words and the number that follows them. Returns 0 if the text has another form. */
-static inline int bake__number(const char **at, const char *words) {
+static inline int bake__skip_number(const char **at, const char *words) {
     const size_t length = bake__skip(at, words) ? strspn(*at, "+-.0123456789e") : 0;
     char *end = NULL;
     if (length) strtod(*at, &end);
@@ -293,28 +293,29 @@ static inline int bake__number(const char **at, const char *words) {
 }
 
 /* Skips words and the list of `count` numbers that follows them. */
-static inline int bake__numbers(const char **at, const char *words, int count) {
+static inline int bake__skip_numbers(const char **at, const char *words, int count) {
     int i, ok = bake__skip(at, words);
-    for (i = 0; i < count && ok; i++) ok = bake__number(at, i ? ", " : "[");
+    for (i = 0; i < count && ok; i++) ok = bake__skip_number(at, i ? ", " : "[");
     return ok && bake__skip(at, "]");
 }
 
-static inline int bake__colors(const char **at, const char *words, int count) {
+static inline int bake__skip_colors(const char **at, const char *words, int count) {
     int i, ok = bake__skip(at, words);
-    for (i = 0; i < count && ok; i++) ok = bake__numbers(at, i ? ", " : "[", 3);
+    for (i = 0; i < count && ok; i++) ok = bake__skip_numbers(at, i ? ", " : "[", 3);
     return ok && bake__skip(at, "]");
 }
 
 /* Skips a probe in the form that bake_put_probe writes. Returns 0 if the text has another form. */
-static inline int bake__is_probe(const char **at, const bake_groups *groups) {
-    int i, ok = bake__numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
-             (bake__skip(at, "true") || bake__skip(at, "false")) && bake__colors(at, ", \"sh\": ", 9) &&
-             bake__colors(at, ", \"cube\": ", 6) && bake__number(at, ", \"sky\": ") &&
-             bake__numbers(at, ", \"distance\": ", 8) && bake__numbers(at, ", \"distance_squared\": ", 8) &&
-             bake__number(at, ", \"back_share\": ");
+static inline int bake__skip_probe(const char **at, const bake_groups *groups) {
+    int i, ok = bake__skip_numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
+             (bake__skip(at, "true") || bake__skip(at, "false")) && bake__skip_colors(at, ", \"sh\": ", 9) &&
+             bake__skip_colors(at, ", \"cube\": ", 6) && bake__skip_number(at, ", \"sky\": ") &&
+             bake__skip_numbers(at, ", \"distance\": ", 8) && bake__skip_numbers(at, ", \"distance_squared\": ", 8) &&
+             bake__skip_number(at, ", \"back_share\": ");
     for (i = 0; i < groups->count && ok; i++)
         ok = bake__skip(at, i ? ", \"" : ", \"groups\": {\"") && bake__skip(at, groups->names[i]) &&
-             bake__colors(at, "\": {\"sh\": ", 9) && bake__colors(at, ", \"cube\": ", 6) && bake__skip(at, "}");
+             bake__skip_colors(at, "\": {\"sh\": ", 9) && bake__skip_colors(at, ", \"cube\": ", 6) &&
+             bake__skip(at, "}");
     return ok && bake__skip(at, groups->count ? "}}" : "}");
 }
 
@@ -326,12 +327,12 @@ static inline int bake__read_grid(const char *at, int total, bake_grid *grid) {
     const char *place;
     int i, ok = 1;
     for (i = 0; i < 3 && ok; i++) {
-        ok = bake__count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
+        ok = bake__read_count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
         points *= grid->count[i];
     }
     place = at;
-    ok = ok && points == (double)total && bake__numbers(&at, "\"origin\": ", 3) &&
-         bake__numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
+    ok = ok && points == (double)total && bake__skip_numbers(&at, "\"origin\": ", 3) &&
+         bake__skip_numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
     if (ok) strcpy(grid->place, place);
     return ok;
 }
@@ -349,7 +350,7 @@ static inline int bake__read_facts(const char *line, bake_facts *facts, int *beg
     }
     for (i = 0; i < BAKE_RANGE && ok; i++) {
         snprintf(words, sizeof words, ", \"%s\": ", bake_range_names[i]);
-        ok = bake__skip(&at, words) && bake__count(&at, &facts->range[i]);
+        ok = bake__skip(&at, words) && bake__read_count(&at, &facts->range[i]);
     }
     return ok && strcmp(at, "},\n") == 0;
 }
@@ -404,7 +405,7 @@ static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *fa
 static inline int bake__counted(FILE *in, const char *words, int *out) {
     char line[BAKE_LINE];
     const char *at = line;
-    return bake__line(in, line) && bake__skip(&at, words) && bake__count(&at, out) && strcmp(at, "\n") == 0;
+    return bake__line(in, line) && bake__skip(&at, words) && bake__read_count(&at, out) && strcmp(at, "\n") == 0;
 }
 
 /* Reads a line. Returns 1 if it consists of these words. */
@@ -542,7 +543,7 @@ static inline int bake__copy_probes(const bake_parts *b, const bake_part *part, 
     int i;
     for (i = 0; i < part->count; i++) {
         const char *at = line;
-        if (!bake__line(in, line) || !bake__is_probe(&at, &b->groups)) return 0;
+        if (!bake__line(in, line) || !bake__skip_probe(&at, &b->groups)) return 0;
         if (strcmp(at, i + 1 < part->count ? ",\n" : "\n") != 0) return 0;
         fprintf(out, "%s\n%.*s", i || !first ? "," : "", (int)(at - line), line);
     }

@@ -25,7 +25,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CUBE_FACES = 6, CUBE_SIZE_MOST = 1024, CUBE_DEPTHS = 11 };
+enum { CUBE_FACES = 6, CUBE_SIZE_MAX = 1024, CUBE_DEPTHS = 11 };
 
 /* The axes of each face: the directions in which its columns and its rows run, and the direction of its centre. The
    point (u, v) of a face, both from -1 to 1, has the direction u * columns + v * rows + centre. */

@@ -30,9 +30,9 @@ typedef struct lit_scene {
     int size;                   /* width of each texture in texels */
     double stops;               /* exposure in stops */
     double mean[3];             /* lit_meter adds up R here; lit_stops divides by the number of texels */
-    double *logs;               /* logarithms of the luminances, from lit_meter */
+    double *log_luminances;     /* logarithms of the luminances, from lit_meter */
     size_t log_count;
-    int map;                    /* index of the map whose texture is being drawn */
+    int map_index;              /* index of the map whose texture is being drawn */
     unsigned char *texels;      /* the texture: rgba in sRGB; the smaller levels of its pyramid follow */
     unsigned char *rank;        /* per texel: 0: unknown; 255: in a triangle; between: outside, greater if nearer */
     char **pngs;                /* the textures as .png files in memory */
@@ -44,18 +44,18 @@ typedef struct lit_scene {
                                    material; -1 if no mesh has this use */
 } lit_scene;
 
-enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
+enum { LIT_SIZE_MAX = 4096, LIT_SIZE_MIN = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
 #define LIT_BYTES 7.0  /* bytes per texel of a texture, with its pyramid */
 
 /* Returns the width of the textures for maps of this size: the size of the map if no surface has a texture, otherwise
    LIT_SCALE times the size. The width is halved until the texture fits into `bytes`. */
-static inline int lit_size(const sbl_scene_desc *scene, int map, double bytes) {
+static inline int lit_size(const sbl_scene_desc *scene, int map_size, double bytes) {
     int i, textured = 0, size;
     for (i = 0; i < scene->material_count; i++)
         textured |= scene->materials[i].albedo_texture || scene->materials[i].emission_texture;
-    size = map > LIT_MOST / LIT_SCALE ? LIT_MOST : map * LIT_SCALE;
-    if (!textured) size = map < LIT_MOST ? map : LIT_MOST;
-    if (textured && size < LIT_LEAST) size = LIT_LEAST;
+    size = map_size > LIT_SIZE_MAX / LIT_SCALE ? LIT_SIZE_MAX : map_size * LIT_SCALE;
+    if (!textured) size = map_size < LIT_SIZE_MAX ? map_size : LIT_SIZE_MAX;
+    if (textured && size < LIT_SIZE_MIN) size = LIT_SIZE_MIN;
     while (size > 64 && LIT_BYTES * size * size > bytes) size /= 2;
     return size;
 }
@@ -89,11 +89,11 @@ static int lit__compare(const void *a, const void *b) {
 /* Collects the luminances of a map. Returns 0 if memory runs out. light: R, 0 where there is no surface */
 static inline int lit_meter(lit_scene *l, const image *light) {
     const size_t all = (size_t)light->width * (size_t)light->height, step = all / LIT_METERED + 1;
-    double *logs = (double *)realloc(l->logs, (l->log_count + all / step + 1) * sizeof *logs);
+    double *logs = (double *)realloc(l->log_luminances, (l->log_count + all / step + 1) * sizeof *logs);
     size_t i;
     int k;
     if (!logs) return 0;
-    l->logs = logs;
+    l->log_luminances = logs;
     for (i = 0; i < all; i += step) {
         const float *v = light->values + 3 * i;
         const double luminance = 0.2126 * (double)v[0] + 0.7152 * (double)v[1] + 0.0722 * (double)v[2];
@@ -108,7 +108,7 @@ static inline int lit_meter(lit_scene *l, const image *light) {
    the mean logarithm of the luminance, without the darkest and the brightest 5 % of the texels, becomes that of 0.71.
    Texels below a twentieth of the mean are ignored, because many of them are hidden. */
 static inline double lit_stops(lit_scene *l) {
-    double *logs = l->logs, sum = 0, stops = 0, mean;
+    double *logs = l->log_luminances, sum = 0, stops = 0, mean;
     size_t i, count = l->log_count, dark = 0, cut;
     int k;
     for (k = 0; k < 3 && count; k++) l->mean[k] /= (double)count;
@@ -245,7 +245,7 @@ static void lit__mix(const lit_triangle *t, const void *data, int n, const doubl
 /* Adds one sample of the surface to a sum of RGB and alpha: colour times light plus emission. */
 static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double y, double sum[4]) {
     const sbl_material *m = t->material;
-    const image *atlas = &l->atlases[l->map];
+    const image *atlas = &l->atlases[l->map_index];
     const double scale = (double)atlas->width / l->size;
     double shares[3], uv[2] = { 0, 0 }, color[4] = { 1, 1, 1, 1 }, tint[4], glow[4] = { 1, 1, 1, 1 }, R[3];
     int k;
@@ -284,7 +284,8 @@ static void lit__texel(const lit_scene *l, const lit_triangle *t, int x, int y, 
 /* Returns how many samples along each side of a texel resolve the texels of the surface's texture. */
 static int lit__samples(const lit_scene *l, const lit_triangle *t) {
     const int number = t->material->albedo_texture ? t->material->albedo_texture : t->material->emission_texture;
-    double least = (double)l->atlases[l->map].width / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
+    const double texels = (double)l->atlases[l->map_index].width;
+    double least = texels / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
     int i, samples;
     for (i = 0; i < 2 && number && t->mesh->texcoords.data; i++) {
         const sbl_texture *texture = &l->scene->textures[number - 1];
@@ -365,7 +366,7 @@ static double lit__excess(const float *shown, size_t count, double stops) {
 /* Draws the meshes that use a map. */
 static void lit__draw_map(lit_scene *l, int map) {
     int i;
-    l->map = map;
+    l->map_index = map;
     for (i = 0; i < l->scene->mesh_count; i++)
         if (l->maps[i] == map) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
@@ -473,7 +474,7 @@ static inline void lit_free(lit_scene *l) {
     free(l->pngs);
     free(l->png_sizes);
     free(l->slots);
-    free(l->logs);
+    free(l->log_luminances);
     memset(l, 0, sizeof *l);
 }
 

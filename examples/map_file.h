@@ -53,10 +53,10 @@ static inline int map_holds_negative(map_format format) { return format != MAP_H
 
 /* ---- ranges of values ---- */
 
-#define MAP_HALF_MOST 65504.0f    /* largest finite 16-bit float */
-#define MAP_HALF_LEAST 6.1035e-5f /* smallest 16-bit float with full precision */
-#define MAP_RGBE_MOST 1e38f
-#define MAP_FLOAT_MOST 3.4e38f
+#define MAP_HALF_MAX 65504.0f    /* largest finite 16-bit float */
+#define MAP_HALF_MIN 6.1035e-5f /* smallest 16-bit float with full precision */
+#define MAP_RGBE_MAX 1e38f
+#define MAP_FLOAT_MAX 3.4e38f
 
 /* Statistics of the values of a map. */
 typedef struct map_survey {
@@ -70,7 +70,7 @@ static inline void map_survey_of(map_survey *s, const image *map) {
     for (i = 0; i < count; i++) {
         const float v = map->values[i];
         if (!isfinite(v)) { s->strange++; continue; }
-        s->above_half += v > MAP_HALF_MOST || v < -MAP_HALF_MOST;
+        s->above_half += v > MAP_HALF_MAX || v < -MAP_HALF_MAX;
         if (v > s->most) s->most = v;
     }
 }
@@ -107,7 +107,7 @@ static void map__copy(float *to, const image *map, int first, int rows, float le
 static int map__write_floats(FILE *out, const map_source *s) {
     const image *map = s->map;
     const int bands = (map->height + MAP_BAND - 1) / MAP_BAND, is_half = s->format == MAP_EXR && !s->exact;
-    const float most = is_half ? MAP_HALF_MOST : MAP_FLOAT_MOST;
+    const float most = is_half ? MAP_HALF_MAX : MAP_FLOAT_MAX;
     float *band = (float *)malloc((size_t)map->width * MAP_BAND * (size_t)map->components * sizeof *band);
     image frame = *map;
     picture_writer w;
@@ -144,7 +144,7 @@ static int map__write_hdr(FILE *out, const map_source *s) {
     size_t i;
     int ok;
     if (!values) return 0;
-    map__copy(values, map, 0, map->height, 0, MAP_RGBE_MOST);
+    map__copy(values, map, 0, map->height, 0, MAP_RGBE_MAX);
     for (i = 0; i < texels; i++) map__round_rgbe(values + 3 * i);
     ok = stbi_write_hdr_to_func(gltf__put_bytes, out, map->width, map->height, 3, values);
     free(values);
@@ -156,7 +156,7 @@ static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
     double root[3], most = 0, m;
     int k;
     for (k = 0; k < 3; k++) {
-        root[k] = sqrt((double)map__fit(v[k], 0, MAP_FLOAT_MOST)) / range;
+        root[k] = sqrt((double)map__fit(v[k], 0, MAP_FLOAT_MAX)) / range;
         if (root[k] > most) most = root[k];
     }
     m = ceil(most * 255);

@@ -6,12 +6,12 @@
 #ifndef MAP_READER_H
 #define MAP_READER_H
 
-enum { MAP_READ_MOST = 16384 };  /* greatest width and height in pixels */
+enum { MAP_READ_MAX = 16384 };  /* greatest width and height in pixels */
 
 /* Allocates values of three components for a picture. Returns 0 if its size is not allowed or memory runs out. */
 static int map__room(image *picture) {
     const int w = picture->width, h = picture->height;
-    if (w < 1 || h < 1 || w > MAP_READ_MOST || h > MAP_READ_MOST) return 0;
+    if (w < 1 || h < 1 || w > MAP_READ_MAX || h > MAP_READ_MAX) return 0;
     picture->components = 3;
     picture->values = (float *)malloc((size_t)w * (size_t)h * 3 * sizeof(float));
     return picture->values != NULL;

@@ -30,12 +30,12 @@
 #include <unistd.h>
 
 typedef struct output_file {
-    const char *name; /* as the caller gave it */
-    char *path;       /* the target: absolute, with all links resolved; NULL if its folder does not exist */
-    int error;        /* errno if path is NULL */
-    int in_place;     /* 1: the target is a device or a pipe, and is written in place */
-    int keep;         /* 1: a target that exists at the end is left alone, which counts as success */
-    char *temporary;  /* path of the temporary file while it is open */
+    const char *name;  /* as the caller gave it */
+    char *path;        /* the target: absolute, with all links resolved; NULL if its folder does not exist */
+    int error;         /* errno if path is NULL */
+    int in_place;      /* 1: the target is a device or a pipe, and is written in place */
+    int keep_existing; /* 1: a target that exists at the end is left alone, which counts as success */
+    char *temporary;   /* path of the temporary file while it is open */
 } output_file;
 
 /* ---- resolving names ---- */
@@ -56,15 +56,15 @@ static char *output__join(const char *folder, size_t length, const char *name) {
 
 /* Returns the path with all links in its folder resolved, or NULL if the folder does not exist. Frees path. */
 static char *output__true_folder(char *path) {
-    char *slash = path ? strrchr(path, '/') : NULL, *folder, *whole = NULL;
+    char *slash = path ? strrchr(path, '/') : NULL, *folder, *joined = NULL;
     const char *name = slash ? slash + 1 : path;
     if (slash == path) return path; /* the file is in the root folder, or path is NULL */
     if (slash) *slash = 0;
     folder = realpath(slash ? path : ".", NULL);
-    if (folder) whole = output__join(folder, strlen(folder), name);
+    if (folder) joined = output__join(folder, strlen(folder), name);
     free(folder);
     free(path);
-    return whole;
+    return joined;
 }
 
 /* Returns 1 if the path is one of the links in /dev or /proc to the open files of this process. Such a file may have no
@@ -164,17 +164,17 @@ static int output__create(const char *path, char **name) {
 
 /* Moves the temporary file to the target if `complete` is 1; otherwise deletes it. With keep_existing, an existing
    target is left alone, which counts as success. Returns 1 if a complete target exists afterwards. */
-static int output__done(output_file *o, int whole) {
+static int output__commit_or_discard(output_file *o, int complete) {
     int error;
-    if (whole && o->keep) whole = link(o->temporary, o->path) == 0 || errno == EEXIST;
-    else if (whole && rename(o->temporary, o->path) != 0) whole = 0;
+    if (complete && o->keep_existing) complete = link(o->temporary, o->path) == 0 || errno == EEXIST;
+    else if (complete && rename(o->temporary, o->path) != 0) complete = 0;
     error = errno;
-    if (!whole || o->keep) unlink(o->temporary);
+    if (!complete || o->keep_existing) unlink(o->temporary);
     output__open = NULL;
     free(o->temporary);
     o->temporary = NULL;
     errno = error;
-    return whole;
+    return complete;
 }
 
 /* Opens the temporary file, or a target that is written in place. Returns NULL and sets errno on failure. */
@@ -202,7 +202,7 @@ static FILE *output_open(output_file *o) {
     stream = fdopen(handle, "wb");
     if (!stream) {
         close(handle);
-        output__done(o, 0);
+        output__commit_or_discard(o, 0);
     }
     return stream;
 }
@@ -210,16 +210,16 @@ static FILE *output_open(output_file *o) {
 /* Closes the file and moves it to the target. Returns 1 if a complete target exists afterwards. Returns 0 if anything
    failed or *cancel is not 0; the old target is then unchanged, unless it is written in place. complete: 0 if the
    writer failed */
-static int output_close(output_file *o, FILE *stream, int whole, const volatile sig_atomic_t *cancel) {
-    if (ferror(stream)) whole = 0;
-    if (whole && !o->in_place && (fflush(stream) != 0 || fsync(fileno(stream)) != 0)) whole = 0;
-    if (fclose(stream) != 0) whole = 0;
-    if (o->in_place) return whole;
-    if (whole && cancel && *cancel) {
+static int output_close(output_file *o, FILE *stream, int complete, const volatile sig_atomic_t *cancel) {
+    if (ferror(stream)) complete = 0;
+    if (complete && !o->in_place && (fflush(stream) != 0 || fsync(fileno(stream)) != 0)) complete = 0;
+    if (fclose(stream) != 0) complete = 0;
+    if (o->in_place) return complete;
+    if (complete && cancel && *cancel) {
         errno = EINTR;
-        whole = 0;
+        complete = 0;
     }
-    return output__done(o, whole);
+    return output__commit_or_discard(o, complete);
 }
 
 typedef int (*output_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may then set errno */

@@ -34,7 +34,7 @@ typedef struct image {
     int width, height, components;
     float *values;
     const char *const *channels;  /* names of the components in an .exr file; NULL: Y, or R, G and B */
-    int at[2], whole[2];
+    int at[2], full[2];
     const picture_fact *facts;
     int is_half;                  /* 1: an .exr stores 16-bit floats; values above 65504 become infinite */
 } image;
@@ -249,8 +249,8 @@ static int picture__begin_exr(picture_writer *w) {
     data.max.x = data.min.x + frame->width - 1;
     data.max.y = data.min.y + frame->height - 1;
     display.min.x = display.min.y = 0;
-    display.max.x = (frame->whole[0] ? frame->whole[0] : frame->width) - 1;
-    display.max.y = (frame->whole[1] ? frame->whole[1] : frame->height) - 1;
+    display.max.x = (frame->full[0] ? frame->full[0] : frame->width) - 1;
+    display.max.y = (frame->full[1] ? frame->full[1] : frame->height) - 1;
     settings.error_handler_fn = on_exr_error;
     settings.write_fn = write_exr_bytes;
     settings.user_data = w->out;

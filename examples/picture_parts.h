@@ -344,8 +344,8 @@ static inline int parts_write(FILE *out, const void *what) {
     frame.facts = job->facts;
     if (job->region[2] < job->parts->frame.width || job->region[3] < job->parts->frame.height) {
         memcpy(frame.at, job->region, sizeof frame.at);
-        frame.whole[0] = job->parts->frame.width;
-        frame.whole[1] = job->parts->frame.height;
+        frame.full[0] = job->parts->frame.width;
+        frame.full[1] = job->parts->frame.height;
     }
     ok = picture_begin(&w, out, job->name, &frame, job->channel, job->stops) && band;
     for (i = 0; i < bands && ok && measures && w.format == PICTURE_PNG; i++) {

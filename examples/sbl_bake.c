@@ -230,7 +230,7 @@ static const tool_option table[OPTION_COUNT] = {
                    "by GGX lobes\n"
                    "with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis 2013)",
                    NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
-    [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MOST,
+    [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MAX,
                   "with --cubemaps: texels across a face of level 0, a power of two from 8 to 1024; default 128" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
                "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "

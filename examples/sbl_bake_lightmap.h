@@ -40,15 +40,15 @@ static const char *target_base(int target) {
     return slash ? slash + 1 : targets[target].name;
 }
 
-/* Sets the target with the index `number`. folder: the number of characters of common.output that name the folder.
+/* Sets the target with the given index. folder: the index of characters of common.output that name the folder.
    Returns the exit status. */
-static int target_add(int number, size_t folder, const char *name) {
-    if (number >= TARGETS_MOST)
+static int target_add(int index, size_t folder, const char *name) {
+    if (index >= TARGETS_MOST)
         return fail("%s: it has too many textures and lightmaps; --map bakes one lightmap", common.scene);
-    paths[number] = output__join(common.output, folder, name);
-    if (!paths[number]) return fail("out of memory");
-    output_find(&targets[number], paths[number]);
-    if (target_count <= number) target_count = number + 1;
+    paths[index] = output__join(common.output, folder, name);
+    if (!paths[index]) return fail("out of memory");
+    output_find(&targets[index], paths[index]);
+    if (target_count <= index) target_count = index + 1;
     return DONE;
 }
 
@@ -172,7 +172,7 @@ typedef struct map_scene {
 } map_scene;
 
 typedef struct lightmap {
-    int number;              /* index of this map, from 0, in map_scene.baked and .maps */
+    int index;               /* index of this map, from 0, in map_scene.baked and .maps */
     image light, atlas;      /* light: R, 0 where there is no surface; atlas: R with gutters. Both may share one array,
                                 which holds `light` until the windows are merged and `atlas` afterwards */
     image overlap;           /* has values only if charts overlap */
@@ -283,7 +283,7 @@ static int keep_maps(lightmap *l, int first, int last) {
                             k >= MAP_GROUPS ? &l->groups[k - MAP_GROUPS] : &l->harmonics[k - MAP_SH];
             l->source.format = (map_format)format;
             l->source.exact = options.formats.exact;
-            status = keep_file(l, map_target(l->number, format * MAP_PICTURES + k), write_map);
+            status = keep_file(l, map_target(l->index, format * MAP_PICTURES + k), write_map);
         }
     return status;
 }
@@ -293,8 +293,8 @@ static int keep_maps(lightmap *l, int first, int last) {
 static int survey_light(lightmap *l) {
     map_survey s = { 0, 0, 0 };
     map_survey_of(&s, &l->light);
-    l->source.range = l->scene->baked[l->number].range = map_rgbm_range(s.most);
-    l->intensity = l->scene->maps[l->number].intensity = atan(1.0) * 4 * bright(&l->light);
+    l->source.range = l->scene->baked[l->index].range = map_rgbm_range(s.most);
+    l->intensity = l->scene->maps[l->index].intensity = atan(1.0) * 4 * bright(&l->light);
     return l->intensity > 0 && lit_meter(&l->scene->lit, &l->light);
 }
 
@@ -312,7 +312,7 @@ static void tell_formats(const lightmap *l) {
     if (halves && s.above_half)
         warn("%.0f values of the map are above 65504, the largest 16-bit float, up to %.3g, and are lowered to it; "
              "--formats exr32 keeps them", (double)s.above_half, (double)s.most);
-    if (halves && s.most > 0 && s.most < 64 * MAP_HALF_LEAST)
+    if (halves && s.most > 0 && s.most < 64 * MAP_HALF_MIN)
         warn("the map is too dark for 16-bit floats: its largest value is %.3g; --formats exr32 keeps all digits",
              (double)s.most);
     if (options.formats.wanted[MAP_RGBM])
@@ -326,8 +326,8 @@ static int keep_files(lightmap *l, int group) {
     if (!group) return survey_light(l) ? keep_maps(l, MAP_LIGHT, MAP_LIGHT) : fail("out of memory");
     tell_formats(l);
     status = keep_maps(l, MAP_ATLAS, MAP_PICTURES - 1);
-    if (status == DONE) status = keep_file(l, map_target(l->number, ATLAS_PNG), write_atlas_png);
-    if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->number, OVERLAP), write_overlap);
+    if (status == DONE) status = keep_file(l, map_target(l->index, ATLAS_PNG), write_atlas_png);
+    if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->index, OVERLAP), write_overlap);
     return status;
 }
 
@@ -416,8 +416,7 @@ static int write_table(FILE *out, const void *what) {
 static int keep_scene(map_scene *s) {
     int i, status = DONE;
     snprintf(s->extras, sizeof s->extras, "{\"rgbm_range\": %.9g}", s->baked[0].range);
-    if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* otherwise maps.json has
-                                                                                            it */
+    if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* else in maps.json */
     for (i = 0; i < s->file->scene.texture_count && status == DONE; i++) {
         s->texture = i;
         status = keep_file(s, map_target(map_count, i), write_texture);
@@ -449,14 +448,14 @@ static void bar_step(progress *bar, double from, double to, int step, int steps)
     bar->to = from + (to - from) * (step + 1) / steps;
 }
 
-/* Describes the map b->map.number for sbl_begin_lightmap. */
+/* Describes the map b->map.index for sbl_begin_lightmap. */
 static void describe_lightmap(map_bake *b) {
     const scene_file *file = b->task->file;
     sbl_lightmap_desc *desc = &b->desc;
     int i;
     memset(desc, 0, sizeof *desc);
     for (i = 0; i < file->scene.mesh_count; i++)
-        if (file->maps[i] == b->map.number) b->meshes[desc->mesh_count++] = i;
+        if (file->maps[i] == b->map.index) b->meshes[desc->mesh_count++] = i;
     desc->meshes = b->meshes;
     desc->width = desc->height = options.lightmap;
     if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
@@ -472,7 +471,7 @@ static void describe_lightmap(map_bake *b) {
 
 /* Saves R of an unfinished lightmap after a signal. Returns the exit status. */
 static int save_partial(map_bake *b) {
-    output_file *target = &targets[map_target(b->map.number, PARTIAL)];
+    output_file *target = &targets[map_target(b->map.index, PARTIAL)];
     const sbl_result result = read_light(b->task->context, &b->map, b->desc.width);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
     if (result == SBL_SUCCESS && target_write(target, write_partial, &b->map, 1))
@@ -532,7 +531,7 @@ static unsigned long long map_hash(const map_bake *b) {
     int i;
     for (i = 0; i < scene->mesh_count; i++) {
         const sbl_mesh *m = &scene->meshes[i];
-        if (b->task->file->maps[i] == b->map.number)
+        if (b->task->file->maps[i] == b->map.index)
             hash = plan_hash(hash, m->lightmap_texcoords.data, 2 * sizeof(float) * (size_t)m->vertex_count);
     }
     return hash;
@@ -618,7 +617,7 @@ static sbl_result bake_window(void *user, const int window[4]) {
     memcpy(out->at, window, sizeof out->at);
     out->width = window[2];
     out->height = window[3];
-    out->whole[0] = out->whole[1] = options.lightmap;
+    out->full[0] = out->full[1] = options.lightmap;
     out->components = map_components();
     out->channels = map_channels[given[LIGHT_GROUPS]];
     out->facts = b->windows.work.facts;
@@ -818,7 +817,7 @@ static int join_folder(map_bake *b, double *seconds) {
    status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
-    baked_map *baked = &b->scene.baked[b->map.number];
+    baked_map *baked = &b->scene.baked[b->map.index];
     int status = windows_make(&b->windows);
     if (status == DONE && given[PART])
         status = windows_join(&b->windows, b->windows.work.facts, SBL_CHANNEL_FINAL, 0);
@@ -862,7 +861,7 @@ static int divide_map(map_bake *b) {
     w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE];
     w->given = given;
     while (length > 1 && common.output[length - 1] == '/') length--;
-    snprintf(path, sizeof path, map_count > 1 ? "%.*s_%d" : "%.*s", (int)length, common.output, b->map.number);
+    snprintf(path, sizeof path, map_count > 1 ? "%.*s_%d" : "%.*s", (int)length, common.output, b->map.index);
     folder.path = path;
     w->target = given[PART] ? &targets[ONE_FILE] : &folder;
     w->size[0] = w->size[1] = w->region[2] = w->region[3] = options.lightmap;
@@ -888,7 +887,7 @@ static int bake_map(map_bake *b, double *seconds) {
     const int extra = given[AO] ? AO : SHADOW_MASK;
     int status;
     describe_lightmap(b);
-    bar_step(&b->bar, 0, given[extra] ? 0.6 : 1, b->map.number, map_count);
+    bar_step(&b->bar, 0, given[extra] ? 0.6 : 1, b->map.index, map_count);
     status = divide_map(b);
     if (status == DONE && given[extra] && b->windows.work.count > 1)
         status = fail("%s: the map is baked in windows, which have neither occlusion nor shadows; raise --memory, or "
@@ -903,7 +902,7 @@ static void free_map(map_bake *b) {
     lightmap *l = &b->map;
     int i;
     if (l->light.values == l->atlas.values) l->light.values = NULL;
-    if (writes_lit()) b->scene.atlases[l->number] = l->atlas;
+    if (writes_lit()) b->scene.atlases[l->index] = l->atlas;
     else free(l->atlas.values);
     free(l->light.values);
     free(l->overlap.values);
@@ -924,7 +923,7 @@ static int bake_maps(map_bake *b, double *seconds) {
         memset(&b->map, 0, sizeof b->map);
         memset(&task->stats, 0, sizeof task->stats);
         task->has_stats = 0;
-        b->map.number = i;
+        b->map.index = i;
         b->map.scene = &b->scene;
         status = bake_map(b, seconds);
         if (status == DONE && !task->has_stats) task->stats = sbl_query_stats(task->context);
@@ -943,7 +942,7 @@ static int bake_extras(map_bake *b) {
     int i, status = DONE;
     if (given[AO] || given[SHADOW_MASK]) status = keep_store(b->task, given);
     for (i = 0; i < map_count && status == DONE; i++) {
-        b->map.number = i;
+        b->map.index = i;
         describe_lightmap(b);
         if (given[AO]) status = bake_occlusion(b);
         if (given[SHADOW_MASK] && status == DONE) status = bake_shadows(b);

@@ -84,13 +84,13 @@ static int bake_occlusion(map_bake *b) {
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
         image values = { 0 };
         black.options.ray_length = map == 0 ? (float)options.ao : 0;
-        const int png = map_target(b->map.number, map ? SKY_PNG : AO_PNG);
-        bar_step(&b->bar, 0.6, 0.8, OCCLUSION_MAPS * b->map.number + map, OCCLUSION_MAPS * map_count);
+        const int png = map_target(b->map.index, map ? SKY_PNG : AO_PNG);
+        bar_step(&b->bar, 0.6, 0.8, OCCLUSION_MAPS * b->map.index + map, OCCLUSION_MAPS * map_count);
         if (result == SBL_SUCCESS) result = bake_occlusion_map(task, &black, &values);
         if (result == SBL_UNFINISHED) status = stop("%s was not written", targets[png].name);
         else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
         if (status == DONE)
-            status = keep_occlusion(&values, png, map_target(b->map.number, map ? SKY_EXR : AO_EXR));
+            status = keep_occlusion(&values, png, map_target(b->map.index, map ? SKY_EXR : AO_EXR));
         free(values.values);
     }
     clear_progress(&b->bar);

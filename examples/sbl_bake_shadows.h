@@ -54,7 +54,7 @@ static sbl_result choose_light(shadow_mask *m, int i) {
 static sbl_result bake_light(shadow_mask *m, int i) {
     sbl_context *context = m->task->context;
     sbl_result result = choose_light(m, i);
-    bar_step(&m->bake->bar, 0.8, 1, 2 * m->count * m->bake->map.number + m->bakes++, 2 * m->count * map_count);
+    bar_step(&m->bake->bar, 0.8, 1, 2 * m->count * m->bake->map.index + m->bakes++, 2 * m->count * map_count);
     if (result == SBL_SUCCESS) result = sbl_begin_lightmap(context, &m->desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, m->light, 3 * m->texels);
@@ -149,8 +149,8 @@ static sbl_result make_shadows(shadow_mask *m) {
 
 /* Bakes and writes the mask in the layout of the map. Returns the exit status. */
 static int bake_shadows(map_bake *b) {
-    const int lights = b->task->file->scene.light_count, png = map_target(b->map.number, SHADOW_PNG);
-    const int exr = map_target(b->map.number, SHADOW_EXR);
+    const int lights = b->task->file->scene.light_count, png = map_target(b->map.index, SHADOW_PNG);
+    const int exr = map_target(b->map.index, SHADOW_EXR);
     shadow_mask m;
     int status = DONE;
     sbl_result result;

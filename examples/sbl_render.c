@@ -562,7 +562,7 @@ static sbl_result make_picture(shot *s, int late) {
                           is_display(s->channel) ? SBL_CHANNEL_DISPLAY : s->channel, &s->picture);
     if (w[2]) {
         memcpy(s->picture.at, w, sizeof s->picture.at);
-        memcpy(s->picture.whole, camera.size, sizeof s->picture.whole);
+        memcpy(s->picture.full, camera.size, sizeof s->picture.full);
     }
     s->picture.facts = s->windows.has_facts ? s->windows.work.facts : NULL;
     return result;

@@ -22,8 +22,8 @@ static scene__stream *scene__of(struct aiFile *file) { return (scene__stream *)(
 
 static size_t scene__read(struct aiFile *file, char *out, size_t size, size_t count) {
     scene__stream *s = scene__of(file);
-    size_t whole = size ? (s->bytes.size - s->at) / size : 0;
-    if (count > whole) count = whole;
+    size_t available = size ? (s->bytes.size - s->at) / size : 0;
+    if (count > available) count = available;
     memcpy(out, s->bytes.data + s->at, size * count);
     s->at += size * count;
     return count;
@@ -328,7 +328,7 @@ static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
    brightness; a black Tf counts as white. */
 static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *out) {
     struct aiColor4D color;
-    float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, whole = 0;
+    float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, sum = 0;
     int k;
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_TRANSPARENT, &color) == aiReturn_SUCCESS) {
         filter[0] = color.r; filter[1] = color.g; filter[2] = color.b;
@@ -338,9 +338,9 @@ static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *
         const float tint = share * (most > 0 && most < 1e30f ? fmaxf(filter[k] / most, 0) : 1);
         out->albedo[k] = (1 - share) * out->albedo[k] + tint;
         clear += tint;
-        whole += out->albedo[k];
+        sum += out->albedo[k];
     }
-    out->transmission = clear / whole;
+    out->transmission = clear / sum;
 }
 
 /* Reads metal and gloss of a glTF material, except for their texture. */
@@ -973,7 +973,7 @@ static void scene__nodes(scene__reader *r) {
     file->places = r->places;
 }
 
-/* ---- the whole scene ---- */
+/* ---- the complete scene ---- */
 
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;

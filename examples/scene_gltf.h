@@ -260,22 +260,22 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
 static int scene__replace_json(scene__bytes *bytes, size_t start, size_t length, const char *text) {
     const int binary = start > 0;
     const size_t size = strlen(text), padded = binary ? (size + 3) & ~(size_t)3 : size;
-    const size_t rest = bytes->size - start - length, whole = start + padded + rest;
-    char *joined = (char *)malloc(whole + 1);
+    const size_t rest = bytes->size - start - length, total = start + padded + rest;
+    char *joined = (char *)malloc(total + 1);
     size_t i;
     if (!joined) return 0;
     memcpy(joined, bytes->data, start);
     memcpy(joined + start, text, size);
     memset(joined + start + size, ' ', padded - size);
     memcpy(joined + start + padded, bytes->data + start + length, rest);
-    joined[whole] = 0;
+    joined[total] = 0;
     for (i = 0; binary && i < 4; i++) {
-        joined[8 + i] = (char)(whole >> 8 * i & 255);
+        joined[8 + i] = (char)(total >> 8 * i & 255);
         joined[12 + i] = (char)(padded >> 8 * i & 255);
     }
     free(bytes->data);
     bytes->data = joined;
-    bytes->size = whole;
+    bytes->size = total;
     return 1;
 }
 #endif

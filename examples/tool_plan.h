@@ -241,26 +241,26 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
 static int plan_read(plan *p, const char *name, const int size[2]) {
     static char line[PICTURE_FACT_SIZE + 64];
     FILE *in = input_open(name);
-    int i, status = DONE, whole = 1;
+    int i, status = DONE, valid = 1;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
     if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
         status = fail("%s: it is no plan of parts", name);
-    for (i = 0; i < FACT_PART && whole && status == DONE; i++) {
+    for (i = 0; i < FACT_PART && valid && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
         const char *value = line + length + 1;
         char *end = fgets(line, sizeof line, in) ? strchr(line, '\n') : NULL;
-        whole = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
-        if (!whole) break;
+        valid = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
+        if (!valid) break;
         *end = 0;
         if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) {
             plan_fact(p, i, "%s", value);
-            whole = plan__is_valid(i, value);
+            valid = plan__is_valid(i, value);
         } else if (i != FACT_RENDERER && strcmp(value, p->facts[i].text))
             status = fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name",
                           name, fact_words[i], fact_shown(value), fact_shown(p->facts[i].text));
     }
-    if (status == DONE && !(whole && plan__read_windows(p, in, size)))
+    if (status == DONE && !(valid && plan__read_windows(p, in, size)))
         status = fail("%s: it is damaged; remove it", name);
     fclose(in);
     return status;

@@ -69,7 +69,7 @@ static int windows__find_part(windows *w) {
         free(cost.sums);
         if (status == DONE && name) {
             output_find(&file, name);
-            file.keep = 1;  /* another machine may have written the plan meanwhile; then that plan is used */
+            file.keep_existing = 1;  /* another machine may have written the plan meanwhile; then that plan is used */
             if (!target_write(&file, plan_write, &w->work, 0)) status = fail_to_write(name);
             output_free(&file);
             if (status == DONE) status = plan_read(&w->work, name, w->size);

@@ -60,9 +60,10 @@ static int usable(const char *after) {
     return result == SBL_SUCCESS;
 }
 
-static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where,
+static void refused(sbl_result result, sbl_result wanted, sbl_log_item item, const char *mistake, const char *where,
                     const char *field, const char *value) {
-    CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
+    CHECK(result == wanted, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result),
+          sbl_result_string(wanted));
     CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value),
           "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d messages: %s",
           mistake, where ? where : "",
@@ -204,12 +205,12 @@ static void identity(float m[16]) {
 
 static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
 
-static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field,
+static void bad_scene(sbl_result wanted, sbl_log_item item, const char *mistake, const char *where, const char *field,
                       const char *value) {
     sbl_result result;
     watch_forget(&seen);
     result = sbl_set_scene(context, &f.scene);
-    refused(result, right, item, mistake, where, field, value);
+    refused(result, wanted, item, mistake, where, field, value);
     /* if a mistake is accepted, this keeps later tests from failing, too */
     if (result == SBL_SUCCESS) known_picture();
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
@@ -818,11 +819,11 @@ TEST(extreme_light) {
 
 /* >>invalid sbl_picture_desc fields */
 
-static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake,
+static void bad_picture(const sbl_picture_desc *desc, sbl_result wanted, sbl_log_item item, const char *mistake,
                         const char *field, const char *value) {
     static small_picture picture;
     watch_forget(&seen);
-    refused(sbl_begin_picture(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
+    refused(sbl_begin_picture(context, desc), wanted, item, mistake, "sbl_picture_desc", field, value);
     CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected),
           "%s: the finished picture is gone", mistake);
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
@@ -1011,8 +1012,8 @@ TEST(max_bounce_cells_ends_of_range) {
 
 /* >>calls with wrong arguments or in the wrong order */
 
-#define SAID(call, right, item, a, b) \
-    do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
+#define SAID(call, wanted, item, a, b) \
+    do { watch_forget(&seen); refused(call, wanted, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
 
 /* NULL for any parameter is refused, and no function crashes without a context. */
 TEST(null_parameters) {

@@ -206,8 +206,7 @@ TEST(albedo_of_lobes) {
             : scene_gloss(&s, 0.9, 0.5, 0.1, i % 3 == 1 ? 0 : 0.5, roughness[i / 3]);
         sbl_mesh *plate = scene_quad(&s, number, -1, 0, x - 0.05f, -1, 0, x + 0.05f, 1, 0, x + 0.05f, 1, 0, x - 0.05f);
         plate->id = (uint32_t)i + 1;
-        if (i % 3 != 1) s.materials[number].ior = i % 6 == 2 ? 2 : 0;  /* for metal, also partial metal, an ior of 0
-                                                                          means 1.5 */
+        if (i % 3 != 1) s.materials[number].ior = i % 6 == 2 ? 2 : 0;  /* metal, also partial: an ior of 0 means 1.5 */
     }
     for (j = 0; j < 5; j++) {
         sbl_picture_desc view = view_of_plate(45, 1, 0.476, angles[j], 1);
@@ -435,8 +434,7 @@ TEST(mirrors_show_lamps) {
         shot p;
         scene_floor(&s, mirror, 0, 0.8f);
         if (kind == 2) scene_quad(&s, mirror, -1, 0.2f, -1, -1, 0.2f, 1, -1, 2, 1, -1, 2, -1);
-        if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* the camera sees it from
-                                                                                             below */
+        if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* seen from below */
         else scene_quad(&s, lamp, -2, 0.2f, -2, -2, 0.2f, 2, -2, 3, 2, -2, 3, -2);
         s.meshes[s.mesh_count - 1].id = 99;
         if (!shoot(&p, &s, &view)) return;
@@ -1377,8 +1375,7 @@ TEST(windows_show_the_same) {
         forget(&q);
     }
     view = glossy_view(SBL_MODE_DIRECT);
-    view.price = 1e30f;  /* the price of looks for R; looks at lobes have no price, and continue until the target is
-                            reached */
+    view.price = 1e30f;  /* looks at lobes have no price: they go on to the target */
     if (!scene_render(context, &s, &view)) return;
     printf("    with a price, predicted error %.5f\n", (double)sbl_query_stats(context).picture.specular_error);
     CHECK((double)sbl_query_stats(context).picture.specular_error < 1.1 * whole, "with a price of R, the predicted "

@@ -247,8 +247,7 @@ TEST(looks_grow) {
         view.target_error = asked[i];
         if (i) view.tile = 32;  /* one round suffices */
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-        while (context->picture.map.refine.stages.stage != SBL__REFINE_SPEND)  /* reaches a round that is not started
-                                                                                  again */
+        while (context->picture.map.refine.stages.stage != SBL__REFINE_SPEND)  /* a round that is not started again */
             REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "the picture ended before the first round");
         printf("  target %g %%: looks of %d rays, at most %d looks\n", 100 * (double)asked[i], spec->rays,
                spec->looks);

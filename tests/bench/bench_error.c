@@ -293,7 +293,7 @@ static int measure(sbl_context *context, const room *r, const char *folder, row 
            100 * block_error(r, error, 1, EDGE), 100 * edges / all, 100 * predicted_error(r, predicted, SMOOTH),
            100 * block_error(r, error, 1, SMOOTH), 100 * worst_error(r, error), worst_speck(r, light), seconds,
            100 * out->noise);
-    for (i = 0; i < 3; i++) if (r->made.lights[i]) printf(" %s%s", i ? ", " : "", r->made.lights[i]);
+    for (i = 0; i < 3; i++) if (r->made.labels[i]) printf(" %s%s", i ? ", " : "", r->made.labels[i]);
     printf("\n");
     fflush(stdout);
     if (folder) {

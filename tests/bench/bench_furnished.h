@@ -16,7 +16,7 @@ typedef struct furnished {
     sbl_picture_desc view;
     furnished_window windows[FURNISHED_WINDOWS];  /* openings through which all light of the sky enters */
     int window_count;
-    const char *lights[3];                        /* labels: up to two kinds of light, then "two rooms"; or "storey" */
+    const char *labels[3];                        /* up to two kinds of light, then "two rooms"; or "storey" */
     /* fields that are used while the room is made */
     uint64_t random;
     sbl_mesh meshes[FURNISHED_MESHES];
@@ -487,7 +487,7 @@ static void furnished_storey(furnished *f, int width, int height) {
         for (i = room == bright ? 6 : furnished_below(f, 3) == 0; i > 0; i--) furnished_lamp(f, 0);
         for (i = 4 + furnished_below(f, 6); i > 0; i--) furnished_furniture(f);
     }
-    f->lights[0] = "storey";
+    f->labels[0] = "storey";
     furnished_finish(f);
 }
 
@@ -506,12 +506,12 @@ static void furnished_make(furnished *f, unsigned seed, int width, int height) {
         f->split = f->size[0] * furnished_between(f, 0.45, 0.65);
     }
     furnished_camera(f, width, height);
-    for (i = 0; i < 2; i++) f->lights[i] = i == 0 || kinds[1] != kinds[0] ? names[kinds[i]] : NULL;
-    f->lights[2] = f->split > 0 ? "two rooms" : NULL;
+    for (i = 0; i < 2; i++) f->labels[i] = i == 0 || kinds[1] != kinds[0] ? names[kinds[i]] : NULL;
+    f->labels[2] = f->split > 0 ? "two rooms" : NULL;
     furnished_shell(f, kinds[0] == 5 || kinds[1] == 5 ? 1 + furnished_below(f, 2) : 0);
     if (f->split > 0) furnished_partition(f, f->split);
     for (k = 0; k < 3; k++) f->scene.sky[k] = (float)(f->window_count ? 3 + k : 0);
-    for (i = 0; i < 2; i++) if (f->lights[i] && kinds[i] != 5) furnished_lamp(f, kinds[i]);
+    for (i = 0; i < 2; i++) if (f->labels[i] && kinds[i] != 5) furnished_lamp(f, kinds[i]);
     pieces = 4 + furnished_below(f, 9);
     for (i = 0; i < pieces; i++) furnished_furniture(f);
     furnished_finish(f);
