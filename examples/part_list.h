@@ -6,7 +6,7 @@
 #include <dirent.h>
 #include <stdarg.h>
 
-enum { PARTS_MOST = 10000 };  /* greatest number of parts */
+enum { PARTS_MAX = 10000 };  /* greatest number of parts */
 
 /* The facts (picture_fact) that a kind of part has. The facts before `renderer` must be the same in all parts. */
 typedef struct part_kind {
@@ -65,7 +65,7 @@ static inline void parts__list_free(part_list *l) {
 static inline int parts__number(part_list *l, const char *text) {
     part_file *file = &l->files[l->count - 1];
     if (sscanf(text, "%d/%d", &file->number, &file->count) != 2) file->number = file->count = 0;
-    if (file->count >= 0 && file->count <= PARTS_MOST && file->number <= file->count) return 1;
+    if (file->count >= 0 && file->count <= PARTS_MAX && file->number <= file->count) return 1;
     return parts__fail(l, "%s: it claims to be part %d of %d", file->name, file->number, file->count);
 }
 

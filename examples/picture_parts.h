@@ -162,9 +162,9 @@ static int parts__header(picture_parts *p, picture_part *part) {
     }
     if (!parts__fit(&p->list, &picture_kind, facts)) return 0;
     if (p->frame.width > PARTS_ACROSS || p->frame.height > PARTS_ACROSS)
-        return parts__fail(&p->list, "%s: it is damaged: its whole has %d x %d pixels, more than %d x %d; make this "
-                           "part again", parts__name(p, part), p->frame.width, p->frame.height, PARTS_ACROSS,
-                           PARTS_ACROSS);
+        return parts__fail(&p->list, "%s: it is damaged: it is a part of a picture of %d x %d pixels, more than "
+                           "%d x %d; make this part again", parts__name(p, part), p->frame.width, p->frame.height,
+                           PARTS_ACROSS, PARTS_ACROSS);
     if (components != p->frame.components || display.max.x + 1 != p->frame.width ||
         display.max.y + 1 != p->frame.height)
         return parts__fail(&p->list, "%s does not fit %s: it belongs to another picture", parts__name(p, part),

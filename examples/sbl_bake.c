@@ -126,23 +126,22 @@ static const tool_option table[OPTION_COUNT] = {
               "textures sharp; without textures, the size of the map, up to 4096; half of it while --memory allows "
               "less" },
     [LIT_EXPOSURE] = { "--exposure", "STOPS|auto", NUMBERS, &options.stops, 1, -50, 50,
-                       "exposure of scene_lit.glb in stops; auto (default): that which suits the light on the surfaces",
+                       "exposure of scene_lit.glb in stops; auto (default): chosen for the light on the surfaces",
                        exposure_words },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                      "with --lightmap: also writes how the light depends on direction, for normal maps: sh_0 to sh_3 "
-                      "are the\n"
+                      "with --lightmap: also writes the light by direction, for normal maps: sh_0 to sh_3 are the\n"
                       "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
                       "spherical harmonics\n"
                       "1, y, z, x, continued into the gutters" },
     [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
-             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
-             "directions\n"
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of "
+             "the directions\n"
              "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
-             "all. They are\n"
-             "continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% is "
-             "0.005. Takes\n"
-             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without --part "
-             "and --join,\n"
+             "any distance. They\n"
+             "are continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% "
+             "is 0.005. Takes\n"
+             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without "
+             "--part and --join,\n"
              "and not in windows" },
     [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
@@ -161,16 +160,17 @@ static const tool_option table[OPTION_COUNT] = {
                       "texels;\n"
                       "default 1" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
-                       "also writes the light of each group of sources, from the same rays. The sum of all groups is "
-                       "the whole:\n"
+                       "also writes the light of each group of sources, from the same rays. All groups add up to "
+                       "the light without groups:\n"
                        "--lightmap   atlas_NAME, in the formats of atlas; not with --directional\n"
                        "--vertices   radiance_NAME_r, _g and _b in a .ply, attribute _RADIANCE_NAME in a .gltf\n"
                        "--probes     sh and cube in the object groups of each probe, under NAME\n"
-                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, named "
-                       "sky. It\n"
+                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, "
+                       "named sky. It\n"
                        "belongs to the first group whose pattern matches its name (with * ? and [], as in a shell); "
                        "NAME alone\n"
-                       "is its own pattern; what no pattern matches belongs to the group rest. At most 8 groups" },
+                       "is its own pattern; a source without a matching pattern belongs to the group rest. At most "
+                       "8 groups" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
                        "divided\n"
@@ -195,39 +195,39 @@ static const tool_option table[OPTION_COUNT] = {
                     "edge; 0 turns\n"
                     "it off; default 0.02" },
     [PROBES] = { "--probes", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
-                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells of a "
-                 "grid over\n"
-                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers "
-                 "on each line.\n"
+                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells "
+                 "of a grid over\n"
+                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers on "
+                 "each line.\n"
                  "Each probe has: position; valid (false inside geometry); sh: radiance in nine real orthonormal "
                  "spherical\n"
                  "harmonics, rgb each, in the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R on surfaces that "
                  "face +x -x\n"
-                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
-                 "each\n"
-                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h). "
-                 "FILE.json also\n"
-                 "tells the origin and the spacing of the grid, and the constants and weights that make irradiance of "
-                 "sh;\n"
+                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means "
+                 "for each\n"
+                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in "
+                 "sbl.h). FILE.json also\n"
+                 "contains the origin and the spacing of the grid, and the constants and weights that convert sh to "
+                 "irradiance;\n"
                  "examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
     [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
-                   "bakes what is seen from points in the air, for reflections: a grid of points or a list, as for "
-                   "--probes. Writes\n"
-                   "these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
+                   "bakes the radiance from all directions at points in the air, for reflections. The points are "
+                   "given as for --probes.\n"
+                   "Writes these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
                    "cubemap_NNNN.ktx2      all levels, half floats; faces +x -x +y -y +z -z as in OpenGL, so that "
                    "sampling in a\n"
                    "                       direction of the world gives the radiance from there\n"
                    "cubemap_NNNN_K.exr     level K as a column of six faces, from the top, in 32-bit floats\n"
                    "cubemaps.json          position, valid (false inside geometry: no files), and for parallax the "
                    "box of the room,\n"
-                   "                       whose sides are the surfaces that face the point squarely and fill most of "
-                   "the view, or\n"
-                   "                       the bounds of the scene; size and roughness of each level\n"
-                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are filtered "
-                   "by GGX lobes\n"
+                   "                       whose sides are at the surfaces that are parallel to them and fill most "
+                   "of the view, or\n"
+                   "                       at the bounds of the scene; size and roughness of each level\n"
+                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are "
+                   "filtered by GGX lobes\n"
                    "with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis 2013)",
                    NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MAX,
@@ -242,19 +242,19 @@ static const tool_option table[OPTION_COUNT] = {
                "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
                "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
-               "whole. If it\n"
-               "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
-               "different\n"
+               "complete\n"
+               "map. If it exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that "
+               "are made with different\n"
                "graphics drivers must share one FILE" },
     [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
-               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), and makes the "
+               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), fills the "
                "gutters and\n"
-               "seams of the whole map. Give the options of the parts, without --part, --plan and --store. --memory "
-               "must allow\n"
+               "joins the seams. Give the options of the parts, without --part, --plan and --store. --memory must "
+               "allow\n"
                "about 42 bytes for each texel, 90 with --directional, 12 more with each light group" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
-                 "than\n"
+                 "with --lightmap: continues a map that an interrupted run was baking window by window, because it "
+                 "is larger than\n"
                  "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts (of "
                  "several maps:\n"
                  "OUTPUT_0.parts, ...), which is removed at the end; while it exists, a run without --resume is "
@@ -450,7 +450,7 @@ static int assign_groups(scene_file *file) {
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
-enum { CUBEMAPS_MOST = 10000 };  /* greatest number of cube maps */
+enum { CUBEMAPS_MAX = 10000 };  /* greatest number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 
@@ -788,9 +788,9 @@ static int prepare_probes(void) {
     if (points >= INT_MAX)
         return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
                       grid[2], points, INT_MAX - 1);
-    if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MOST || listed.count > CUBEMAPS_MOST))
+    if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MAX || listed.count > CUBEMAPS_MAX))
         return misuse("--cubemaps: %.0f points are too many; at most %d are possible", points + listed.count,
-                      CUBEMAPS_MOST);
+                      CUBEMAPS_MAX);
     return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
@@ -865,6 +865,6 @@ int main(int argc, char **argv) {
     free(listed.positions);
     free(grouped_materials);
     if (folder_is_new && status != DONE) rmdir(common.output);  /* does not remove a folder that contains files */
-    for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
+    for (i = 0; i < TARGETS_MAX; i++) free(paths[i]);
     return status;
 }

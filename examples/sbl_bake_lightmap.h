@@ -27,7 +27,7 @@ static const struct { const char *base, *ending; } other_names[MAP_FILES - ATLAS
     { "atlas", ".png" }, { "overlap", ".png" }, { "lightmap", ".partial.pfm" }, { "ao", ".png" }, { "sky", ".png" },
     { "ao", ".exr" }, { "sky", ".exr" }, { "shadow", ".png" }, { "shadow", ".exr" }
 };
-static char *paths[TARGETS_MOST];
+static char *paths[TARGETS_MAX];
 static int folder_is_new;  /* 1: this run created the folder */
 static int map_count;      /* number of maps that this run bakes */
 
@@ -43,7 +43,7 @@ static const char *target_base(int target) {
 /* Sets the target with the given index. folder: the index of characters of common.output that name the folder.
    Returns the exit status. */
 static int target_add(int index, size_t folder, const char *name) {
-    if (index >= TARGETS_MOST)
+    if (index >= TARGETS_MAX)
         return fail("%s: it has too many textures and lightmaps; --map bakes one lightmap", common.scene);
     paths[index] = output__join(common.output, folder, name);
     if (!paths[index]) return fail("out of memory");
@@ -686,7 +686,7 @@ static int read_windows(joined_map *j, picture_parts *parts) {
     for (k = 0; k <= map_layers(); k++) ok = (j->light[k] = (float *)malloc(12 * texels)) != NULL && ok;
     if (!ok) {
         free(band);
-        return fail("out of memory: the whole map of %d x %d texels must fit into it to be joined", size, size);
+        return fail("out of memory: joining needs the complete map of %d x %d texels in memory", size, size);
     }
     for (y = 0; y < size && ok && !interrupted; y += PARTS_BAND) {
         const int rows = size - y < PARTS_BAND ? size - y : PARTS_BAND;

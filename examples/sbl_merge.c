@@ -14,7 +14,7 @@
 #include "tool_options.h"
 
 static struct options {
-    const char *output, *parts[PARTS_MOST];
+    const char *output, *parts[PARTS_MAX];
     double exposure;  /* NaN: automatic */
     int help_all;
 } options = { .exposure = NAN };
@@ -29,7 +29,7 @@ static const tool_option table[OPTION_COUNT] = {
                  "a bake: .json or .ply" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
                    "each stop doubles the brightness of a .png; default auto: the exposure that\n"
-                   "sbl_render found for the whole. Not for parts of channel display", exposure_words },
+                   "sbl_render chose for the complete picture. Not for parts of channel display", exposure_words },
     [QUIET] = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no warnings" },
     [HELP] = { "--help", "[all]", FLAG_OR_WORD, &options.help_all, 0, 0, 0, "also -h; this text", help_words },
     [VERSION] = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version" }
@@ -68,7 +68,7 @@ static bake_parts bakes = { .cancel = &interrupted };
 static part_list *parts_given(void) { return is_bake ? &bakes.list : &pictures.list; }
 
 static int parse(int argc, char **argv) {
-    const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MOST };
+    const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MAX };
     const int status = tool_parse(&command);
     int i;
     if (status != DONE || given[HELP] || given[VERSION]) return status;
@@ -126,7 +126,7 @@ static void show_picture(parts_job *job) {
 static int read_parts(parts_job *job) {
     struct stat info;
     int i, ok = 1;
-    for (i = 0; i < PARTS_MOST && options.parts[i] && ok; i++)
+    for (i = 0; i < PARTS_MAX && options.parts[i] && ok; i++)
         ok = stat(options.parts[i], &info) == 0 && S_ISDIR(info.st_mode) ? add_folder(options.parts[i])
                                                                          : add_part(options.parts[i]);
     job->region[2] = pictures.frame.width;

@@ -56,17 +56,17 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal |\n"
+                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal "
+                  "|\n"
                   "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
                   "light in\n"
                   "the cells of the store) | error (predicted standard error of the luminance of final where there "
                   "are\n"
-                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (the same "
-                  "of R\n"
-                  "always) | display (what a screen shows: final, exposed and with --tone; a .png of final shows it "
-                  "by itself) |\n"
+                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (always "
+                  "that of\n"
+                  "R) | display (final with exposure and --tone, as in a .png of final) |\n"
                   "looks (how often each sensor measured) | specular (mean radiance in the lobe of a reflection) |\n"
-                  "specular_albedo (the share of it that final shows)",
+                  "specular_albedo (final contains specular times specular_albedo)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
@@ -101,27 +101,26 @@ static const tool_option table[OPTION_COUNT] = {
     [WINDOW] = { "--window", "X,Y,W,H", INTEGERS, options.window, 4, 0, 16384,
                  "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. Parts "
                  "fit\n"
-                 "together; in mode gi, give all the same --store. A small picture of the whole is made first, for "
-                 "the\n"
-                 "exposure and for the mean of --target-error. A .exr file stores where the part lies (data window) "
-                 "and the\n"
-                 "size of the whole" },
+                 "together; in mode gi, give all the same --store. A small preview of the complete picture is made\n"
+                 "first, for the exposure and for the mean of --target-error. A .exr file stores the position of "
+                 "the part (data window)\n"
+                 "and the size of the complete picture" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
-               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is an "
-               ".exr\n"
-               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
-               "made\n"
-               "first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
+               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is "
+               "an .exr\n"
+               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small preview of the complete\n"
+               "picture is made first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
-               "exists, it\n"
-               "is loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers "
-               "must\n"
+               "FILE holds the windows of all parts, and the mean, the price and the exposure of the complete "
+               "picture. If it\n"
+               "exists, it is loaded; otherwise it is made. Needs --part. Parts that are made with different "
+               "graphics drivers must\n"
                "share one FILE" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "goes on with a picture that an interrupted run was making window by window: one larger than 4096 x "
-                 "4096\n"
-                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is removed\n"
+                 "continues a picture that an interrupted run was making window by window, because it is larger "
+                 "than 4096 x 4096\n"
+                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is "
+                 "removed\n"
                  "at the end; while it exists, a run without --resume is refused" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
@@ -246,8 +245,8 @@ static int parse_frames(void) {
     int status = frames_parse(given, &options.part);
     if (status != DONE || !frames.first) return status;
     if (given[INSPECT]) return misuse("--inspect draws one sensor; leave out --cameras and --frames");
-    if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part is whole frames: leave it "
-                                   "out");
+    if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part consists of complete "
+                                   "frames: omit --plan");
     given[PART] = 0;
     return DONE;
 }
@@ -461,7 +460,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
    reduce. Sensors reduce the rest only to 0.84 of the target, or to half of the part of stored light if that is more.
    Therefore a smaller target can compensate for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
-    enum { CELLS_MOST = 1 << 20 };
+    enum { CELLS_MAX = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.radiance_error;
     const double specular = (double)s->picture.specular_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
@@ -470,9 +469,9 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     if (expected * expected - stored * stored <= fmax(target * target, stored * stored) && specular <= target) {
         if (left2 > 0.04 * target * target)
             snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
-        if (cells < CELLS_MOST)  /* more cells are smaller, but each is measured with fewer rays */
-            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MOST / 4 ? 4 * cells
-                                                                                                : CELLS_MOST);
+        if (cells < CELLS_MAX)  /* more cells are smaller, but each is measured with fewer rays */
+            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MAX / 4 ? 4 * cells
+                                                                                                : CELLS_MAX);
         snprintf(out, size, "stored light limits it%s%s", smaller, more);
     } else if (!given[TARGET_ERROR])
         snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",

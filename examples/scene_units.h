@@ -15,7 +15,7 @@
 #define SCENE_UNITS_H
 
 #define SCENE__LUMENS_PER_WATT 683
-#define SCENE__LUX_LEAST 10
+#define SCENE__LUX_MIN 10
 
 static const struct scene__unit {
     double lamp, sun;  /* factors for point and spot lights, and for directional lights */
@@ -41,7 +41,7 @@ static void scene__find_units(scene_file *file, const char *generator) {
         for (k = 0; k < 3 && file->scene.lights[i].kind == SBL_LIGHT_DIRECTIONAL; k++)
             if (file->scene.lights[i].intensity[k] > sun) sun = file->scene.lights[i].intensity[k];
     if (version[0] < 3 || (version[0] == 3 && version[1] < 4)) file->units = SCENE_UNITS_BLENDER_RAW;
-    else if (sun > 0 && sun < SCENE__LUX_LEAST) file->units = SCENE_UNITS_BLENDER_UNITLESS;
+    else if (sun > 0 && sun < SCENE__LUX_MIN) file->units = SCENE_UNITS_BLENDER_UNITLESS;
     else file->units = SCENE_UNITS_BLENDER;
 }
 

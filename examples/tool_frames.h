@@ -20,7 +20,7 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MOST = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; size of the file in bytes */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; size of the file in bytes */
 
 /* A camera of the file, in the form of the options. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
@@ -192,8 +192,8 @@ static int frames__read_list(const cJSON *root) {
     }
     frames.count = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
     if (!frames.count) return fail("--cameras %s: \"cameras\" must be a list of cameras", frames.file);
-    if (frames.count > FRAMES_MOST)
-        return fail("--cameras %s: it has %d cameras; at most %d are possible", frames.file, frames.count, FRAMES_MOST);
+    if (frames.count > FRAMES_MAX)
+        return fail("--cameras %s: it has %d cameras; at most %d are possible", frames.file, frames.count, FRAMES_MAX);
     frames.cameras = (frame_camera *)calloc((size_t)frames.count, sizeof *frames.cameras);
     if (!frames.cameras) return fail("out of memory");
     cJSON_ArrayForEach(child, list) {
@@ -257,9 +257,9 @@ static int frames__read_range(void) {
     long first, last;
     first = last = isdigit((unsigned char)*text) ? strtol(text, &end, 10) : 0;
     if (first > 0 && *end == '-' && isdigit((unsigned char)end[1])) last = strtol(end + 1, &end, 10);
-    if (first < 1 || *end || last < first || last > FRAMES_MOST)
+    if (first < 1 || *end || last < first || last > FRAMES_MAX)
         return misuse("--frames %s: the value must be A-B or A, with numbers of frames from 1 to %d", text,
-                      FRAMES_MOST);
+                      FRAMES_MAX);
     if (frames.file && last > frames.count)
         return misuse("--frames %s: %s has %d cameras, so there is no frame %ld", text, frames.file, frames.count,
                       last);

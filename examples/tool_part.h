@@ -67,8 +67,8 @@ static int plan_part(part_choice *part) {
         rest = end;
     }
     n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
-    if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
-        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
+    if (*rest != '/' || n < 1 || *end || n > PARTS_MAX || k < 1)
+        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MAX);
     if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
     part->number = (int)k;
     part->count = (int)n;

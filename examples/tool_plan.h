@@ -228,7 +228,7 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
             p->windows = more;
             room += 1024;
         }
-        if (p->count == PARTS_MOST || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
+        if (p->count == PARTS_MAX || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
         if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[0] > size[0] - w[2] || w[1] > size[1] - w[3]) return 0;
         memcpy(p->windows[p->count++], w, sizeof w);
     }

@@ -375,8 +375,8 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
 
 /* ---- output files, which are written completely or not at all, and never over input files ---- */
 
-enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 4096 };
-static output_file targets[TARGETS_MOST];
+enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MAX = 4096 };
+static output_file targets[TARGETS_MAX];
 static int target_count;
 
 static void targets_free(void) { while (target_count > 0) output_free(&targets[--target_count]); }

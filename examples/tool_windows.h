@@ -104,10 +104,10 @@ static int windows__divide(windows *w) {
         status = plan_make(&w->work, NULL, w->size, w->region, (int)count);
         for (i = 0, fits = 1; i < w->work.count && fits && status == DONE; i++) {
             const int *one = w->work.windows[i];
-            fits = (double)one[2] * one[3] <= SMALLEST || w->work.count == PARTS_MOST ||
+            fits = (double)one[2] * one[3] <= SMALLEST || w->work.count == PARTS_MAX ||
                    (w->bytes(w->user, one) <= left && (double)one[2] * one[3] <= 1.5 * LARGEST);
         }
-        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MOST, pixels));
+        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MAX, pixels));
     }
     return status;
 }

@@ -10,7 +10,7 @@
 
 #include <time.h>
 
-enum { STEPS_MOST = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
+enum { STEPS_MAX = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
 
 static const char *const steps_rooms[] = { "surface", "bounce", "gather", "refine", "filter", "resolve" };
 
@@ -57,14 +57,14 @@ static void steps__look(const sbl_context *context, steps_state *s) {
 
 /* Call steps_enter before and steps_leave after a call of sbl_step. */
 static void steps_enter(const sbl_context *context) {
-    if (!steps.list) steps.list = (steps_step *)malloc(STEPS_MOST * sizeof *steps.list);
+    if (!steps.list) steps.list = (steps_step *)malloc(STEPS_MAX * sizeof *steps.list);
     steps__look(context, &steps.before);
 }
 
 static void steps_leave(const sbl_context *context, int preview) {
     const steps_state *b = &steps.before;
     steps_state after;
-    steps_step *s = steps.list && steps.count < STEPS_MOST ? &steps.list[steps.count] : NULL;
+    steps_step *s = steps.list && steps.count < STEPS_MAX ? &steps.list[steps.count] : NULL;
     int i;
     steps__look(context, &after);
     if (!s) return;

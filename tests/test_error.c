@@ -426,8 +426,8 @@ TEST(of_sensors_beside_the_store) {
     }
 }
 
-/* A round does not buy purchases that hardly help if the target cannot be reached: the remaining error is at most a
-   tenth above that after all purchases. If the target can be reached, a round aims at three fifths of the present
+/* If the target cannot be reached, a round does not make purchases that hardly help: the remaining error is at most a
+   tenth above the error after all purchases. If the target can be reached, a round aims at three fifths of the current
    error. */
 TEST(of_pixels_that_cannot_improve) {
     static const double hopeless[3] = { 0.3, 0.05, 0.02 }, hopeful[3] = { 0.3, 0.2, 0.45 };

@@ -129,7 +129,8 @@ static sbl_picture_desc view_of_ball(int side, int rays) {
 
 enum { ANGLES = 48 };
 
-/* Computes tables over the cosine of the share of light that a white surface of index 1.5, or of metal, reflects. */
+/* Computes a table over the cosine of the view angle: the share of light that a white surface of index 1.5, or a metal,
+   reflects. */
 static void furnace_table(double roughness, int metal, double table[ANGLES + 1]) {
     int i;
     for (i = 0; i <= ANGLES; i++) {

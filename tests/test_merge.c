@@ -182,7 +182,7 @@ TEST(wrong_parts_are_refused) {
     damage("p.2.exr", "turned.exr", 0, 1500);
     REFUSED("turned.exr: ", "p.1.exr", "turned.exr", "p.3.exr");
     widen("p.1.exr", "wide.exr");
-    REFUSED("wide.exr: it is damaged: its whole has ", "wide.exr");
+    REFUSED("wide.exr: it is damaged: it is a part of a picture of ", "wide.exr");
     mkdir(in_folder("bare"), 0777);
     REFUSED("bare: this folder has no files whose names end in .exr", "bare");
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
