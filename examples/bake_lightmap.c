@@ -1,5 +1,5 @@
-/* Demonstrates the shortest useful bake: the Cornell box, in which each quad is a chart, is baked into one lightmap,
-   bake_lightmap.png. A renderer draws albedo * light + emission with it. The first argument is the folder for the
+/* Demonstrates the shortest useful bake. It bakes the Cornell box into one lightmap, bake_lightmap.png, in which each
+   quad is a chart. A renderer draws albedo * light + emission with this map. The first argument is the folder for the
    picture. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
@@ -7,10 +7,10 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around a chart */
+enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels per row, charts per row, gap in texels */
 
-/* Returns the lightmap coordinates (0 to 1) of the corners of quad i, which has a cell of its own in the map. Scenes
-   without such coordinates need an unwrapper, such as xatlas or Blender. */
+/* Computes the lightmap coordinates (0 to 1) of the corners of quad i, which has its own square cell of the map. For a
+   scene without lightmap coordinates, use an unwrapper such as xatlas or Blender. */
 static void chart(int i, float texcoords[8]) {
     const float gap = (float)GAP / RESOLUTION, cell = 1.0f / CELLS, x = (float)(i % CELLS) * cell,
         y = (float)(i / CELLS) * cell;
@@ -26,7 +26,7 @@ int main(int argc, char **argv) {
     static unsigned char pixels[RESOLUTION * RESOLUTION * 3];
     cornell_box box;
     const sbl_scene_desc *scene = cornell_box_make(&box);
-    const sbl_lightmap_desc map = { .width = RESOLUTION, .height = RESOLUTION };  /* all else: defaults */
+    const sbl_lightmap_desc map = { .width = RESOLUTION, .height = RESOLUTION };  /* other fields: default */
     sbl_context *context;
     sbl_stats stats;
     char path[1024];
@@ -35,7 +35,7 @@ int main(int argc, char **argv) {
         chart(i, texcoords[i]);
         box.meshes[i].lightmap_texcoords.data = texcoords[i];
     }
-    /* sbl.h prints errors to stderr */
+    /* sbl.h prints error messages to stderr */
     if (sbl_create(headless("bake_lightmap"), &context) != SBL_SUCCESS) return 1;
     ok = sbl_set_scene(context, scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &map) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, light, RESOLUTION * RESOLUTION * 3) == SBL_SUCCESS;

@@ -1,7 +1,7 @@
-/* Writes probes as .json and light at vertices as .ply, and joins parts of them. A part is a valid file of its format,
-   which also contains facts: what was baked, how, and which part of it this is. The joined file has no facts; it is to
-   the byte the file of a bake in one piece. Joining reads one file at a time; its memory does not grow with the size of
-   the files. Include after sbl.h, picture_file.h and part_list.h.
+/* Writes probes as .json and light at vertices as .ply, and joins the parts of such a file. A part is a valid file of
+   its format, which also records facts about itself: what was baked, how, and which part this is. The joined file has
+   no facts; it equals, byte for byte, the file of a bake that was not split. Joining reads one part at a time, and its
+   memory use does not grow with the size of the files. Include after sbl.h, picture_file.h and part_list.h.
 
        bake_parts parts = { 0 }, *all = &parts;
        parts.is_ply = 1;                            // or 0: .json
@@ -18,16 +18,16 @@
 #include <limits.h>
 #include <sys/stat.h>
 
-/* ---- facts ---- */
+/* ---- facts that a part records ---- */
 
-/* The facts of a part, as texts. All but the last two must be the same in all parts. */
+/* The facts of a part are texts. All except the last two must be the same in all parts. */
 enum {
     BAKE_VERSION,   /* of sbl.h */
-    BAKE_SCENE,     /* hash of meshes, materials, lights and sky: sbl_scene_fingerprint */
-    BAKE_WHAT,      /* "vertices", or which probes */
-    BAKE_OPTIONS,   /* options that change the light, as they were given */
+    BAKE_SCENE,     /* hash of meshes, materials, lights and sky, from sbl_scene_fingerprint */
+    BAKE_WHAT,      /* "vertices", or the name of the set of probes */
+    BAKE_OPTIONS,   /* the options that change the light, as the user gave them */
     BAKE_RENDERER,  /* GL_RENDERER */
-    BAKE_PART,      /* "3/16" */
+    BAKE_PART,      /* which part this is, such as "3/16" */
     BAKE_TEXTS
 };
 
@@ -36,7 +36,8 @@ static const char *const bake_words[BAKE_TEXTS] = { "by another version of sbl.h
     "of something else", "with other options", "by another driver", "as another part" };
 static const part_kind bake_kind = { bake_names, bake_words, BAKE_RENDERER };
 
-/* The probes or meshes of a part: number of the first; how many there are in the part, and in the whole. */
+/* The range of probes or meshes in a part: the index of the first, the number in this part, and the number in all
+   parts. */
 enum { BAKE_FIRST, BAKE_COUNT, BAKE_TOTAL, BAKE_RANGE };
 static const char *const bake_range_names[BAKE_RANGE] = { "first", "count", "total" };
 
@@ -45,8 +46,8 @@ typedef struct bake_facts {
     int range[BAKE_RANGE];
 } bake_facts;
 
-/* Sets a text. Characters that a string of JSON or a line of a .ply cannot contain become \u0000 to \u00ff. Returns 0
-   if the text is too long. */
+/* Sets the text of a fact. Characters that a JSON string or a line of a .ply cannot contain are written as \u0000 to
+   \u00ff. Returns 0 if the text is too long. */
 static inline int bake_fact(bake_facts *f, int fact, const char *text) {
     char *out = f->texts[fact].text;
     size_t used = 0;
@@ -60,24 +61,26 @@ static inline int bake_fact(bake_facts *f, int fact, const char *text) {
     return !*text;
 }
 
-/* The light groups of a bake, in the order of their light in the file. One more name fits than groups are allowed. */
+/* The names of the light groups of a bake, in the order in which the file stores their light. The array holds one more
+   name than sbl.h allows groups. */
 enum { BAKE_GROUP_NAME = 48 };
 typedef struct bake_groups { int count; char names[SBL_MAX_LIGHT_GROUPS + 1][BAKE_GROUP_NAME]; } bake_groups;
 
-static const char bake_letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";  /* of names */
+static const char bake_letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";  /* in names */
 
 /* ---- writing ---- */
 
-/* The grid of probes. All 0: the positions were listed. place: where it is, as a line of the file */
+/* The grid of probes. All counts are 0 if the positions were given as a list. place: the origin and the spacing, as a
+   line of the file */
 typedef struct bake_grid { int count[3]; char place[256]; } bake_grid;
 
-/* Sets where the grid is. The probe number i + count[0] * (j + count[1] * k) is at origin + (i, j, k) * spacing, unless
-   it was moved. lowest, highest: the corners of its boxes */
+/* Sets the place of the grid. The probe with the index i + count[0] * (j + count[1] * k) is at origin + (i, j, k) *
+   spacing, unless it was moved. lowest, highest: opposite corners of the box that the grid fills */
 static inline void bake_grid_place(bake_grid *g, const float lowest[3], const float highest[3]) {
     double origin[3], spacing[3];
     int k;
     for (k = 0; k < 3 && g->count[0]; k++) {
-        const double share = 0.5 / g->count[k];  /* as in sbl.h, so that the origin is the position of the first */
+        const double share = 0.5 / g->count[k];  /* as in sbl.h, so that the origin equals the first probe to the bit */
         origin[k] = (double)(float)((1 - share) * (double)lowest[k] + share * (double)highest[k]);
         spacing[k] = ((double)highest[k] - (double)lowest[k]) / g->count[k];
     }
@@ -86,7 +89,7 @@ static inline void bake_grid_place(bake_grid *g, const float lowest[3], const fl
                  origin[0], origin[1], origin[2], spacing[0], spacing[1], spacing[2]);
 }
 
-/* What an engine must know about probes, as lines of the file. */
+/* Lines of the file that explain the numbers of probes to the programmer of an engine. */
 static const char *const bake_probes_about[] = {
     " \"units\": \"sh: radiance, cube: irradiance / pi; linear, primaries of BT.709; lengths as in the scene\",\n",
     " \"basis\": \"real orthonormal spherical harmonics of the degrees 0 to 2: Y_i(w) = constants[i] * functions[i], "
@@ -102,7 +105,7 @@ static const char *const bake_probes_about[] = {
     NULL
 };
 
-/* Writes what precedes the probes. facts: NULL: the file is the whole */
+/* Writes the lines before the probes. facts: NULL if the file is not a part */
 static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const bake_grid *grid,
     const bake_groups *groups) {
     int i;
@@ -128,7 +131,7 @@ static inline void bake__put_numbers(FILE *out, const char *name, const float *n
     fputc(']', out);
 }
 
-/* words: what precedes the colours */
+/* Writes a list of colours. words: text that is written before it */
 static inline void bake__put_colors(FILE *out, const char *words, const float (*colors)[3], int count) {
     int i;
     fprintf(out, "%s: [", words);
@@ -138,7 +141,8 @@ static inline void bake__put_colors(FILE *out, const char *words, const float (*
     fputc(']', out);
 }
 
-/* Writes a probe as a line, without the end of the line; bake__is_probe checks such lines. parts: its light groups */
+/* Writes a probe as a line without the newline. bake__skip_probe accepts such lines. parts: the light of the groups at
+   this probe */
 static inline void bake_put_probe(FILE *out, const sbl_probe *q, const bake_groups *groups, const sbl_probe *parts) {
     int i;
     fprintf(out, "  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", (double)q->position[0],
@@ -158,15 +162,16 @@ static inline void bake_put_probe(FILE *out, const sbl_probe *q, const bake_grou
     fprintf(out, groups->count ? "}}" : "}");
 }
 
-static const char bake_probes_end[] = "]}\n";  /* on a line of its own */
+static const char bake_probes_end[] = "]}\n";  /* stands on a line of its own */
 
-/* Bytes in a .ply: nine floats, and three for each light group; 3 and three numbers of vertices. */
+/* Sizes in bytes in a .ply. A vertex has nine floats, and three more for each light group. A face is the byte 3 and
+   three vertex indices. */
 enum { BAKE_VERTEX = 36, BAKE_GROUP = 12, BAKE_FACE = 13 };
 
 static const char *const bake_properties[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g",
     "radiance_b" };
 
-/* Writes what precedes the vertices. facts: NULL: the file is the whole */
+/* Writes the header before the vertices. facts: NULL if the file is not a part */
 static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, const bake_groups *groups,
     double vertices, double faces) {
     int i;
@@ -182,24 +187,24 @@ static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, co
     fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", faces);
 }
 
-/* ---- parts ---- */
+/* ---- the list of parts ---- */
 
 typedef struct bake_part {
-    int first, count;     /* probes or meshes */
-    int vertices, faces;  /* of a .ply */
-    off_t body;           /* place in the file where the probes or vertices begin */
+    int first, count;     /* index of the first probe or mesh, and their number */
+    int vertices, faces;  /* how many, in a .ply */
+    off_t body;           /* offset in the file where the probes or vertices begin */
 } bake_part;
 
 typedef struct bake_parts {
     part_list list;
     int is_ply;
-    bake_part *parts;     /* one for each file of the list */
-    int *order;           /* the index of part K is order[K - 1]; NULL before bake_check */
+    bake_part *parts;     /* one for each file in list */
+    int *order;           /* the index in parts of part K is order[K - 1]; NULL before bake_check */
     int room, total;
     bake_grid grid;
     bake_groups groups;
     double vertices, faces;
-    const volatile sig_atomic_t *cancel;  /* joining ends if it is not 0 */
+    const volatile sig_atomic_t *cancel;  /* joining stops if this is not 0 */
 } bake_parts;
 
 static inline void bake_free(bake_parts *b) {
@@ -209,7 +214,8 @@ static inline void bake_free(bake_parts *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* Opens a file of the list. Never waits for a pipe or a device. */
+/* Opens a file of the list. Rejects pipes and devices instead of waiting for them. Returns NULL and sets b->list.error
+   on failure. */
 static inline FILE *bake__open(bake_parts *b, int index) {
     const char *name = b->list.files[index].name;
     const int handle = open(name, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
@@ -228,7 +234,7 @@ static inline FILE *bake__open(bake_parts *b, int index) {
     return NULL;
 }
 
-/* Returns the number of bytes of a vertex. */
+/* Returns the size of a vertex in bytes. */
 static inline size_t bake__vertex_size(const bake_parts *b) {
     return BAKE_VERTEX + BAKE_GROUP * (size_t)b->groups.count;
 }
@@ -237,11 +243,11 @@ static inline int bake__damaged(bake_parts *b, int index) {
     return parts__fail(&b->list, "%s: it is damaged or incomplete; make this part again", b->list.files[index].name);
 }
 
-/* ---- reading lines: only what bake_put_... writes is accepted ---- */
+/* ---- reading lines: only text in the form of the bake_put functions is accepted ---- */
 
-enum { BAKE_LINE = 8192 };  /* longest line, with its end */
+enum { BAKE_LINE = 8192 };  /* length of the longest line, with its newline */
 
-/* Reads a line. Returns whether it is whole. */
+/* Reads one line. Returns 1 if it is complete: it ends in a newline and fits into BAKE_LINE. */
 static inline int bake__line(FILE *in, char line[BAKE_LINE]) {
     const char *end = fgets(line, BAKE_LINE, in) ? strchr(line, '\n') : NULL;
     return end && !end[1];
@@ -254,7 +260,8 @@ static inline int bake__skip(const char **at, const char *words) {
     return 1;
 }
 
-/* Reads a text of printable characters that ends with `end`, which is skipped. */
+/* Reads printable characters up to `end`, which is skipped. Returns 0 if the text is too long or does not end with
+   `end`. */
 static inline int bake__text(const char **at, char end, char out[PICTURE_FACT_SIZE]) {
     size_t length = 0;
     while ((*at)[length] >= 32 && (*at)[length] < 127 && (*at)[length] != '"') length++;
@@ -265,8 +272,8 @@ static inline int bake__text(const char **at, char end, char out[PICTURE_FACT_SI
     return 1;
 }
 
-/* Reads a number from 0 to INT_MAX without needless zeros. */
-static inline int bake__count(const char **at, int *out) {
+/* Reads an integer from 0 to INT_MAX without leading zeros. Returns 0 if the text has another form. */
+static inline int bake__read_count(const char **at, int *out) {
     const size_t digits = strspn(*at, "0123456789");
     const double number = digits && digits <= 10 ? strtod(*at, NULL) : -1;
     if (number < 0 || number > INT_MAX || (**at == '0' && digits > 1)) return 0;
@@ -275,8 +282,8 @@ static inline int bake__count(const char **at, int *out) {
     return 1;
 }
 
-/* Skips words and the number that follows them. */
-static inline int bake__number(const char **at, const char *words) {
+/* Skips words and the number that follows them. Returns 0 if the text has another form. */
+static inline int bake__skip_number(const char **at, const char *words) {
     const size_t length = bake__skip(at, words) ? strspn(*at, "+-.0123456789e") : 0;
     char *end = NULL;
     if (length) strtod(*at, &end);
@@ -285,51 +292,53 @@ static inline int bake__number(const char **at, const char *words) {
     return 1;
 }
 
-/* Skips words and the list of numbers that follows them. */
-static inline int bake__numbers(const char **at, const char *words, int count) {
+/* Skips words and the list of `count` numbers that follows them. */
+static inline int bake__skip_numbers(const char **at, const char *words, int count) {
     int i, ok = bake__skip(at, words);
-    for (i = 0; i < count && ok; i++) ok = bake__number(at, i ? ", " : "[");
+    for (i = 0; i < count && ok; i++) ok = bake__skip_number(at, i ? ", " : "[");
     return ok && bake__skip(at, "]");
 }
 
-static inline int bake__colors(const char **at, const char *words, int count) {
+static inline int bake__skip_colors(const char **at, const char *words, int count) {
     int i, ok = bake__skip(at, words);
-    for (i = 0; i < count && ok; i++) ok = bake__numbers(at, i ? ", " : "[", 3);
+    for (i = 0; i < count && ok; i++) ok = bake__skip_numbers(at, i ? ", " : "[", 3);
     return ok && bake__skip(at, "]");
 }
 
-/* Skips a probe that bake_put_probe has written. */
-static inline int bake__is_probe(const char **at, const bake_groups *groups) {
-    int i, ok = bake__numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
-             (bake__skip(at, "true") || bake__skip(at, "false")) && bake__colors(at, ", \"sh\": ", 9) &&
-             bake__colors(at, ", \"cube\": ", 6) && bake__number(at, ", \"sky\": ") &&
-             bake__numbers(at, ", \"distance\": ", 8) && bake__numbers(at, ", \"distance_squared\": ", 8) &&
-             bake__number(at, ", \"back_share\": ");
+/* Skips a probe in the form that bake_put_probe writes. Returns 0 if the text has another form. */
+static inline int bake__skip_probe(const char **at, const bake_groups *groups) {
+    int i, ok = bake__skip_numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
+             (bake__skip(at, "true") || bake__skip(at, "false")) && bake__skip_colors(at, ", \"sh\": ", 9) &&
+             bake__skip_colors(at, ", \"cube\": ", 6) && bake__skip_number(at, ", \"sky\": ") &&
+             bake__skip_numbers(at, ", \"distance\": ", 8) && bake__skip_numbers(at, ", \"distance_squared\": ", 8) &&
+             bake__skip_number(at, ", \"back_share\": ");
     for (i = 0; i < groups->count && ok; i++)
         ok = bake__skip(at, i ? ", \"" : ", \"groups\": {\"") && bake__skip(at, groups->names[i]) &&
-             bake__colors(at, "\": {\"sh\": ", 9) && bake__colors(at, ", \"cube\": ", 6) && bake__skip(at, "}");
+             bake__skip_colors(at, "\": {\"sh\": ", 9) && bake__skip_colors(at, ", \"cube\": ", 6) &&
+             bake__skip(at, "}");
     return ok && bake__skip(at, groups->count ? "}}" : "}");
 }
 
-/* ---- heads ---- */
+/* ---- reading the head of a part ---- */
 
-/* Reads the line of a grid, without its end. Returns whether it is one of `total` probes. */
+/* Reads the line of a grid, from its first count on. Returns 1 if the line is valid and the grid has `total` probes. */
 static inline int bake__read_grid(const char *at, int total, bake_grid *grid) {
     double points = 1;
     const char *place;
     int i, ok = 1;
     for (i = 0; i < 3 && ok; i++) {
-        ok = bake__count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
+        ok = bake__read_count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
         points *= grid->count[i];
     }
     place = at;
-    ok = ok && points == (double)total && bake__numbers(&at, "\"origin\": ", 3) &&
-         bake__numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
+    ok = ok && points == (double)total && bake__skip_numbers(&at, "\"origin\": ", 3) &&
+         bake__skip_numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
     if (ok) strcpy(grid->place, place);
     return ok;
 }
 
-/* Reads the facts of a part of probes. begun: receives 1 if the line begins like that of a part. */
+/* Reads the facts of a part with probes. Returns 0 if the line is damaged. begun: is set to 1 if the line begins like
+   the first line of a part */
 static inline int bake__read_facts(const char *line, bake_facts *facts, int *begun) {
     const char *at = line;
     char words[64];
@@ -341,19 +350,20 @@ static inline int bake__read_facts(const char *line, bake_facts *facts, int *beg
     }
     for (i = 0; i < BAKE_RANGE && ok; i++) {
         snprintf(words, sizeof words, ", \"%s\": ", bake_range_names[i]);
-        ok = bake__skip(&at, words) && bake__count(&at, &facts->range[i]);
+        ok = bake__skip(&at, words) && bake__read_count(&at, &facts->range[i]);
     }
     return ok && strcmp(at, "},\n") == 0;
 }
 
-/* Adds a light group with a name of `length` characters. Returns whether that is possible. */
+/* Adds a light group whose name has `length` characters. Returns 0 if there are too many groups or the name has no
+   valid length. */
 static inline int bake__add_group(bake_groups *groups, const char *name, size_t length) {
     if (groups->count >= SBL_MAX_LIGHT_GROUPS || length < 1 || length >= BAKE_GROUP_NAME) return 0;
     memcpy(groups->names[groups->count++], name, length);
     return 1;
 }
 
-/* Reads the line of the light groups of probes, from its first name on. */
+/* Reads the line with the light groups of probes, from the first name on. */
 static inline int bake__read_groups(const char *at, bake_groups *groups) {
     do {
         const size_t length = bake__skip(&at, "\"") ? strspn(at, bake_letters) : 0;
@@ -363,13 +373,14 @@ static inline int bake__read_groups(const char *at, bake_groups *groups) {
     return strcmp(at, "\"],\n") == 0;
 }
 
-/* Keeps the light groups of the first file. Returns whether those of others are the same. */
+/* Stores the light groups of the first file. Returns 1 if the groups of this file equal them. */
 static inline int bake__same_groups(bake_parts *b, const bake_groups *groups) {
     if (b->list.count == 1) b->groups = *groups;
     return memcmp(&b->groups, groups, sizeof *groups) == 0;
 }
 
-/* Reads what precedes the probes. begun: receives 1 if the file begins like a part. */
+/* Reads the lines before the probes. Returns 0 if they are damaged or do not fit the first part. begun: is set to 1 if
+   the file begins like a part */
 static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
     char line[BAKE_LINE];
     const char *at = line;
@@ -390,21 +401,21 @@ static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *fa
            strcmp(line, " \"probes\": [\n") == 0;
 }
 
-/* Reads a line that consists of words and a number. */
+/* Reads a line that consists of words and an integer. Returns 0 if it has another form. */
 static inline int bake__counted(FILE *in, const char *words, int *out) {
     char line[BAKE_LINE];
     const char *at = line;
-    return bake__line(in, line) && bake__skip(&at, words) && bake__count(&at, out) && strcmp(at, "\n") == 0;
+    return bake__line(in, line) && bake__skip(&at, words) && bake__read_count(&at, out) && strcmp(at, "\n") == 0;
 }
 
-/* Reads a line that consists of words. */
+/* Reads a line. Returns 1 if it consists of these words. */
 static inline int bake__is_line(FILE *in, const char *words) {
     char line[BAKE_LINE];
     const char *at = line;
     return bake__line(in, line) && bake__skip(&at, words) && strcmp(at, "\n") == 0;
 }
 
-/* Reads the properties of the light groups of vertices. Stops at the first line that is none. */
+/* Reads the properties of the light groups of vertices. Stops before the first line of another kind. */
 static inline int bake__read_properties(FILE *in, bake_groups *groups) {
     char line[BAKE_LINE], words[BAKE_GROUP_NAME + 32];
     for (;;) {
@@ -422,8 +433,8 @@ static inline int bake__read_properties(FILE *in, bake_groups *groups) {
     }
 }
 
-/* Reads what precedes the vertices, and checks the size of the file. begun: receives 1 if the file begins like a part.
-   */
+/* Reads the header before the vertices, and checks the size of the file. Returns 0 if the file is damaged or does not
+   fit the first part. begun: is set to 1 if the file begins like a part */
 static inline int bake__read_vertices_head(bake_parts *b, FILE *in, bake_facts *facts, bake_part *part, int *begun) {
     char line[BAKE_LINE], words[64];
     bake_groups groups;
@@ -454,7 +465,8 @@ static inline int bake__read_vertices_head(bake_parts *b, FILE *in, bake_facts *
                                    (double)BAKE_FACE * part->faces;
 }
 
-/* Reads the head of the last file of the list, and checks it against the first. */
+/* Reads the head of the file that was added last, and checks that it fits the first file. Returns 0 and sets
+   b->list.error if it does not. */
 static inline int bake__head(bake_parts *b, FILE *in, bake_part *part) {
     static bake_facts facts;
     const int index = b->list.count - 1, *range = facts.range;
@@ -482,7 +494,7 @@ static inline int bake__head(bake_parts *b, FILE *in, bake_part *part) {
     return 1;
 }
 
-/* Adds a file. Returns 0 and sets b->list.error if it is no part, or does not fit the parts before. */
+/* Adds a file. Returns 0 and sets b->list.error if it is not a part, or does not fit the parts added before. */
 static inline int bake_add(bake_parts *b, const char *name) {
     FILE *in;
     int ok;
@@ -501,7 +513,8 @@ static inline int bake_add(bake_parts *b, const char *name) {
     return ok;
 }
 
-/* Checks that the parts are the whole, and puts them in order. */
+/* Sorts the parts by their numbers and checks that together they hold all probes or meshes. Returns 0 and sets
+   b->list.error if they do not. */
 static inline int bake_check(bake_parts *b) {
     int i, next = 0;
     if (!b->list.count) return parts__fail(&b->list, "no parts are given");
@@ -522,22 +535,22 @@ static inline int bake_check(bake_parts *b) {
     return 1;
 }
 
-/* ---- joining ---- */
+/* ---- joining the parts ---- */
 
-/* Copies the probes of a part. first: 1 if it is the first part. Returns 0 if the part is damaged. */
+/* Copies the probes of a part. Returns 0 if the part is damaged. first: 1 if this is the first part */
 static inline int bake__copy_probes(const bake_parts *b, const bake_part *part, FILE *in, FILE *out, int first) {
     char line[BAKE_LINE];
     int i;
     for (i = 0; i < part->count; i++) {
         const char *at = line;
-        if (!bake__line(in, line) || !bake__is_probe(&at, &b->groups)) return 0;
+        if (!bake__line(in, line) || !bake__skip_probe(&at, &b->groups)) return 0;
         if (strcmp(at, i + 1 < part->count ? ",\n" : "\n") != 0) return 0;
         fprintf(out, "%s\n%.*s", i || !first ? "," : "", (int)(at - line), line);
     }
     return fgets(line, BAKE_LINE, in) && strcmp(line, bake_probes_end) == 0 && fgetc(in) == EOF;
 }
 
-enum { BAKE_BLOCK = 4096 };  /* vertices or faces that are copied at a time */
+enum { BAKE_BLOCK = 4096 };  /* number of vertices or faces that are copied at a time */
 
 static inline int bake__copy_vertices(const bake_parts *b, const bake_part *part, FILE *in, FILE *out) {
     static unsigned char bytes[BAKE_BLOCK * (BAKE_VERTEX + SBL_MAX_LIGHT_GROUPS * BAKE_GROUP)];
@@ -551,7 +564,7 @@ static inline int bake__copy_vertices(const bake_parts *b, const bake_part *part
     return 1;
 }
 
-/* Adds a number to the little-endian number of a vertex, which must be less than `limit`. */
+/* Adds `by` to a little-endian vertex index. Returns 0 if the index is not below `limit`. */
 static inline int bake__shift(unsigned char *bytes, uint32_t limit, uint32_t by) {
     uint32_t number = 0;
     int k;
@@ -561,7 +574,8 @@ static inline int bake__shift(unsigned char *bytes, uint32_t limit, uint32_t by)
     return 1;
 }
 
-/* Copies the faces of a part. before: number of vertices in the parts before */
+/* Copies the faces of a part, and shifts their vertex indices. before: number of vertices in the parts before this
+   one */
 static inline int bake__copy_faces(const bake_part *part, FILE *in, FILE *out, uint32_t before) {
     static unsigned char bytes[BAKE_BLOCK * BAKE_FACE];
     int i, count, k, corner;
@@ -579,9 +593,9 @@ static inline int bake__copy_faces(const bake_part *part, FILE *in, FILE *out, u
     return fgetc(in) == EOF;
 }
 
-enum { BAKE_LINES, BAKE_VERTICES, BAKE_FACES };  /* what is copied of each part */
+enum { BAKE_LINES, BAKE_VERTICES, BAKE_FACES };  /* the content that one pass copies from each part */
 
-/* Copies one kind of content of all parts, one part after the other. */
+/* Copies one kind of content of all parts, part by part. Returns 0 on failure or cancellation. */
 static inline int bake__copy(bake_parts *b, int what, FILE *out) {
     uint32_t before = 0;
     int k;
@@ -602,7 +616,8 @@ static inline int bake__copy(bake_parts *b, int what, FILE *out) {
     return 1;
 }
 
-/* Writes the whole; for output_write. what: points to a pointer to a bake_parts that bake_check has checked */
+/* Writes the joined file, for output_write. Returns 0 on failure. what: a pointer to a pointer to a bake_parts that
+   bake_check has accepted */
 static inline int bake_write(FILE *out, const void *what) {
     bake_parts *b = *(bake_parts *const *)what;
     if (b->is_ply) {

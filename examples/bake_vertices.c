@@ -1,7 +1,8 @@
-/* Demonstrates light at the vertices of a coarse mesh, as in games: sbl_bake_vertices fits the light at the vertices by
-   least squares to points on the triangles. bake_vertices.ply is the Cornell box with its light as vertex colours, for
-   any model viewer. The program prints the error of the interpolated light, compared with a mesh of four times as many
-   vertices, for the fit and for averages. The first argument is the folder for the file. */
+/* Demonstrates light at the vertices of a coarse mesh, as games use it. sbl_bake_vertices fits the light of the
+   vertices by least squares to points on the triangles. The program writes bake_vertices.ply, the Cornell box with its
+   light as vertex colours, for any model viewer. It compares the interpolated light with that of a mesh of four times
+   as many vertices, and prints the error of the fit and of plain averages. The first argument is the folder for the
+   file. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -9,9 +10,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { COARSE = 6, FINE = 12 };  /* cells across each quad */
+enum { COARSE = 6, FINE = 12 };  /* squares along each side of a quad */
 
-/* The Cornell box, with each quad cut into cells x cells squares of two triangles. */
+/* The Cornell box, in which each quad is cut into cells x cells squares of two triangles. */
 typedef struct box { int cells; float (*positions)[3]; unsigned *indices; } box;
 
 static int vertices_of(int cells) { return CORNELL_QUADS * (cells + 1) * (cells + 1); }
@@ -41,7 +42,7 @@ static int box_make(box *b, int cells) {
 
 static void box_free(box *b) { free(b->positions); free(b->indices); }
 
-/* Bakes the light of a box. light: receives three floats per vertex. */
+/* Bakes the light of a box. Returns 0 on failure. light: receives three floats per vertex */
 static int box_bake(sbl_context *context, const box *b, int average, float *light) {
     const int side = b->cells + 1, triangles = b->cells * b->cells * 6;
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
@@ -53,7 +54,7 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;
-    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* the same for every quad */
+    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* the indices are the same for every quad */
     for (i = 0; i < CORNELL_QUADS; i++) {
         meshes[i].positions.data = b->positions[i * side * side];
         meshes[i].vertex_count = side * side;
@@ -64,14 +65,15 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     }
     scene.meshes = meshes;
     scene.mesh_count = CORNELL_QUADS;
-    /* sbl.h prints errors to stderr */
+    /* sbl.h prints error messages to stderr */
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_vertices(context, &bake) == SBL_SUCCESS;
     free(local);
     return ok;
 }
 
-/* Returns the difference between the coarse box, interpolated at the vertices of the fine box as its triangles do, and
-   the fine box: the root mean square, divided by the mean. */
+/* Returns the relative error of the coarse box: the root mean square of its difference from the fine box, divided by
+   the mean of the fine box. The light of the coarse box is interpolated within its triangles to the vertices of the
+   fine box. */
 static double difference(const float *coarse, const float *fine) {
     double sum = 0, mean = 0;
     int quad, i, j, k;
@@ -95,7 +97,7 @@ static double difference(const float *coarse, const float *fine) {
     return sqrt(sum / k) / (mean / k);
 }
 
-/* Opens the mesh's file. Called before the work, which would be lost if the file could not be written. */
+/* Opens the file of the mesh. This happens before the bake, so that no work is lost if the file cannot be written. */
 static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;
@@ -105,7 +107,7 @@ static FILE *ply_open(const char *folder) {
     return file;
 }
 
-/* Returns whether all was written. */
+/* Closes the file. Returns 1 if everything was written. */
 static int ply_close(FILE *file) {
     const int failed = ferror(file);
     if (fclose(file) == 0 && !failed) return 1;

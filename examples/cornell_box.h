@@ -1,6 +1,6 @@
-/* The Cornell box as arrays: the measurements that the Cornell University Program of Computer Graphics published, in
-   millimetres, with their camera; 16 quads, 32 triangles. Colours and lamp are approximated in RGB. Include after
-   sbl.h. */
+/* The Cornell box as arrays: 16 quads of 32 triangles, with the measurements in millimetres and the camera that the
+   Cornell University Program of Computer Graphics published. The colours and the lamp are approximated in RGB. Include
+   after sbl.h. */
 #ifndef CORNELL_BOX_H
 #define CORNELL_BOX_H
 
@@ -23,13 +23,13 @@ static const float cornell_corners[CORNELL_QUADS][12] = {
     { 0, 0, 559.2f,  0, 0, 0,  0, 548.8f, 0,  0, 548.8f, 559.2f },
     /* left wall */
     { 552.8f, 0, 0,  549.6f, 0, 559.2f,  556, 548.8f, 559.2f,  556, 548.8f, 0 },
-    /* short block: top, four sides */
+    /* short block: top, then four sides */
     { 130, 165, 65,  82, 165, 225,  240, 165, 272,  290, 165, 114 },
     { 290, 0, 114,  290, 165, 114,  240, 165, 272,  240, 0, 272 },
     { 130, 0, 65,  130, 165, 65,  290, 165, 114,  290, 0, 114 },
     { 82, 0, 225,  82, 165, 225,  130, 165, 65,  130, 0, 65 },
     { 240, 0, 272,  240, 165, 272,  82, 165, 225,  82, 0, 225 },
-    /* tall block: top, four sides */
+    /* tall block: top, then four sides */
     { 423, 330, 247,  265, 330, 296,  314, 330, 456,  472, 330, 406 },
     { 423, 0, 247,  423, 330, 247,  472, 330, 406,  472, 0, 406 },
     { 472, 0, 406,  472, 330, 406,  314, 330, 456,  314, 0, 456 },
@@ -45,8 +45,8 @@ static inline int cornell_material(int quad) {
     return quad == 1 ? CORNELL_LAMP : quad == 4 ? CORNELL_GREEN : quad == 5 ? CORNELL_RED : CORNELL_WHITE;
 }
 
-/* The scene for sbl_set_scene, which copies it. Each quad is a mesh, because the filter of the paper works per
-   polygon. */
+/* The scene for sbl_set_scene, which copies it. Each quad is a mesh of its own, because SBL_MODE_PAPER filters each
+   polygon separately. */
 typedef struct cornell_box {
     sbl_mesh meshes[CORNELL_QUADS];
     sbl_material materials[CORNELL_MATERIALS];
@@ -76,8 +76,8 @@ static inline const sbl_scene_desc *cornell_box_make(cornell_box *box) {
     return &box->scene;
 }
 
-/* Sets the published camera: focal length 35 mm, film 25 mm. The longer side of the picture has this angle of view, so
-   that the box fills the picture. */
+/* Sets the published camera, with a focal length of 35 mm and a film of 25 mm. The longer side of the picture gets its
+   angle of view, so that the box fills the picture. */
 static inline void cornell_box_view(sbl_picture_desc *view, int width, int height) {
     double aspect = (double)width / height, degrees = 45 / atan(1.0);
     view->width = width;

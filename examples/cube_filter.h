@@ -1,22 +1,23 @@
-/* Cube maps: the directions of their texels, and filtered levels for rough reflections. Needs neither GL nor sbl.h.
+/* Computes the directions of the texels of cube maps, and filters cube maps into levels for rough reflections. Needs
+   neither GL nor sbl.h.
 
        cube_tree tree;
        if (!cube_tree_make(&tree, 128, values)) ...          // values: 6 * 128 * 128 colours
        cube_filter(&tree, roughness, 64, level);             // level: 6 * 64 * 64 colours
        cube_tree_free(&tree);
 
-   Faces and rows are those of OpenGL, Vulkan, Direct3D, KTX and glTF: +x, -x, +y, -y, +z, -z, and in each face the row
-   first in memory has the texture coordinate 0. A shader that samples the map in a direction of the world gets the
-   light that arrives from there. Seen from inside, each face is a mirror image; this is a rule of these formats.
+   Faces and rows are those of OpenGL, Vulkan, Direct3D, KTX and glTF: +x, -x, +y, -y, +z, -z, and the first row of a
+   face in memory has the texture coordinate 0. A shader that samples the map in a world direction gets the light that
+   arrives from that direction. Seen from inside the cube, each face is mirrored, as these formats require.
 
-   The filter is that of the split sum (B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 course): a lobe of
-   GGX with alpha = roughness^2 whose normal, view and reflection are one direction r. With c = dot(r, w), light from w
-   has the weight
+   The filter is the first sum of the split-sum approximation (B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH
+   2013 course): a GGX lobe with alpha = roughness^2, whose normal, view and reflection have the same direction r. With
+   c = dot(r, w), light from w has the weight
 
        w(c) = c / (alpha^2 + (1 - alpha^2) (1 - c) / 2)^2        if c > 0, otherwise 0
 
-   Nothing is sampled at random: the sum goes over all texels. Texels that the lobe weighs alike are added up before,
-   as squares of 2^k x 2^k texels. */
+   The filter takes no random samples; it sums over all texels. Where the weight hardly changes, squares of 2^k x 2^k
+   texels are added in advance and weighted as one. */
 #ifndef CUBE_FILTER_H
 #define CUBE_FILTER_H
 
@@ -24,10 +25,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CUBE_FACES = 6, CUBE_SIZE_MOST = 1024, CUBE_DEPTHS = 11 };
+enum { CUBE_FACES = 6, CUBE_SIZE_MAX = 1024, CUBE_DEPTHS = 11 };
 
-/* For each face: the axes of the directions in which its columns and its rows run, and of its middle. A direction is
-   u * columns + v * rows + middle, with u and v from -1 to 1. */
+/* The axes of each face: the directions in which its columns and its rows run, and the direction of its centre. The
+   point (u, v) of a face, both from -1 to 1, has the direction u * columns + v * rows + centre. */
 static const float cube_axes[CUBE_FACES][3][3] = {
     { { 0, 0, -1 }, { 0, -1, 0 }, { 1, 0, 0 } },  { { 0, 0, 1 }, { 0, -1, 0 }, { -1, 0, 0 } },
     { { 1, 0, 0 }, { 0, 0, 1 }, { 0, 1, 0 } },    { { 1, 0, 0 }, { 0, 0, -1 }, { 0, -1, 0 } },
@@ -35,7 +36,7 @@ static const float cube_axes[CUBE_FACES][3][3] = {
 };
 static const char *const cube_names[CUBE_FACES] = { "+x", "-x", "+y", "-y", "+z", "-z" };
 
-/* Writes the unit direction of a place in a face. u, v: -1 to 1 */
+/* Computes the unit direction of a point in a face. u, v: -1 to 1 */
 static inline void cube_direction(int face, float u, float v, float out[3]) {
     const float scale = 1 / sqrtf(1 + u * u + v * v);
     int k;
@@ -43,20 +44,21 @@ static inline void cube_direction(int face, float u, float v, float out[3]) {
         out[k] = scale * (u * cube_axes[face][0][k] + v * cube_axes[face][1][k] + cube_axes[face][2][k]);
 }
 
-/* Returns the solid angle between the axis of a face and (u, v); those of rectangles are sums of four. */
+/* Returns the solid angle of the rectangle from the centre of a face to (u, v). Any other rectangle is a sum of four
+   such terms. */
 static inline double cube__corner(double u, double v) { return atan2(u * v, sqrt(1 + u * u + v * v)); }
 
-/* Returns the solid angle of a texel. size: texels across a face */
+/* Returns the solid angle of a texel. size: width of a face in texels */
 static inline double cube_solid_angle(int size, int x, int y) {
     const double u = 2.0 * x / size - 1, v = 2.0 * y / size - 1, step = 2.0 / size;
     return cube__corner(u + step, v + step) - cube__corner(u, v + step) - cube__corner(u + step, v) +
            cube__corner(u, v);
 }
 
-/* A cube map and its sums. Level 0 has one square for each face, each further level four times as many. */
+/* A pyramid of sums over a cube map. Level 0 has one square per face; each further level has four times as many. */
 typedef struct cube_tree {
-    int depth;                     /* number of the level whose squares are the texels */
-    float *sums[CUBE_DEPTHS];      /* red, green and blue times solid angle, and the solid angle, of each square */
+    int depth;                     /* index of the level whose squares are single texels */
+    float *sums[CUBE_DEPTHS];      /* for each square: red, green and blue times solid angle, then the solid angle */
 } cube_tree;
 
 static inline void cube_tree_free(cube_tree *t) {
@@ -65,8 +67,8 @@ static inline void cube_tree_free(cube_tree *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Makes the sums of a cube map. size: a power of two, at most CUBE_SIZE_MOST. values: three floats for each texel, face
-   by face. Returns 0 if memory runs out. */
+/* Computes the pyramid of a cube map. Returns 0 if memory runs out. size: a power of two, at most CUBE_SIZE_MAX.
+   values: three floats per texel, face by face */
 static inline int cube_tree_make(cube_tree *t, int size, const float *values) {
     int i, x, y, face, k;
     memset(t, 0, sizeof *t);
@@ -94,25 +96,26 @@ static inline int cube_tree_make(cube_tree *t, int size, const float *values) {
     return 1;
 }
 
-/* A lobe in the axes of a face, and its sum. */
+/* A lobe in the axes of one face, and the sum over the squares so far. */
 typedef struct cube_lobe {
     const cube_tree *tree;
     int face;
-    float r[3], square;            /* direction of the lobe; alpha^2 */
-    double sum[4];                 /* weighted light, and the sum of weights */
+    float r[3], square;            /* direction of the lobe, and alpha^2 */
+    double sum[4];                 /* weighted light in three channels, and the sum of the weights */
 } cube_lobe;
 
-#define CUBE__FINENESS 0.12f       /* width of the squares that are weighed as one, as a share of the lobe's scale */
-enum { CUBE__FINER = 3 };          /* texels are halved up to this many times where the lobe is narrow */
+#define CUBE__FINENESS 0.12f       /* greatest width of a square with one weight, relative to the width of the lobe */
+enum { CUBE__FINER = 3 };          /* where the lobe is narrow, texels are halved up to this many times */
 
-/* Adds the light of a square. Its level may be finer than the texels; it then has the radiance of its texel. */
+/* Adds the light of a square, or of its four quarters if it is too wide for one weight. A square smaller than a texel
+   has the radiance of its texel. */
 static inline void cube__add(cube_lobe *lobe, int level, int x, int y) {
     const int depth = lobe->tree->depth, finer = level > depth ? level - depth : 0, across = 1 << level;
     const float half = 1 / (float)across, u = (float)(2 * x + 1) * half - 1, v = (float)(2 * y + 1) * half - 1;
     const float scale = 1 / sqrtf(1 + u * u + v * v);
     const float c = scale * (u * lobe->r[0] + v * lobe->r[1] + lobe->r[2]);
     const float q = lobe->square + (1 - lobe->square) * 0.5f * (1 - c);
-    const float width = 2 * half * scale, about = 4 * q < 1 ? 4 * q : 1;  /* square of the angle that doubles q */
+    const float width = 2 * half * scale, about = 4 * q < 1 ? 4 * q : 1;  /* squared angle that doubles q */
     if (c < -1.5f * width) return;
     if (level < depth + CUBE__FINER && width * width > CUBE__FINENESS * CUBE__FINENESS * about) {
         cube__add(lobe, level + 1, 2 * x, 2 * y);
@@ -131,7 +134,7 @@ static inline void cube__add(cube_lobe *lobe, int level, int x, int y) {
     }
 }
 
-/* Writes the light of a lobe around a unit direction. roughness: above 0, up to 1 */
+/* Computes the light of a lobe around a unit direction. roughness: above 0, up to 1 */
 static inline void cube_lobe_light(const cube_tree *tree, double roughness, const float direction[3], float out[3]) {
     const double alpha = roughness * roughness;
     cube_lobe lobe = { tree, 0, { 0, 0, 0 }, (float)(alpha * alpha), { 0, 0, 0, 0 } };
@@ -145,7 +148,8 @@ static inline void cube_lobe_light(const cube_tree *tree, double roughness, cons
     for (k = 0; k < 3; k++) out[k] = (float)(lobe.sum[k] / lobe.sum[3]);
 }
 
-/* Makes a level of a cube map. size: texels across a face. out: three floats for each texel, face by face */
+/* Computes one filtered level of a cube map. size: width of a face in texels. out: three floats per texel, face by
+   face */
 static inline void cube_filter(const cube_tree *tree, double roughness, int size, float *out) {
     int face, x, y;
     for (face = 0; face < CUBE_FACES; face++)

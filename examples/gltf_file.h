@@ -1,11 +1,12 @@
 /* Writes a scene as glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. The arrays of the scene
-   must lie in client memory, with 32-bit floats and indices, and pixels of colours must be sRGB or floats, as
-   scene_file.h makes them. Lights are left out unless has_lights is set, because baked light replaces them. If some
-   materials are not matte or let light pass, matte ones get KHR_materials_specular with the factor 0, which removes
-   reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The extension MOZ_lightmap of the
-   materials of meshes in a lightmap refers to it (index of the texture, texCoord 1, intensity); viewers compute
-   irradiance = intensity * texture, decoded from sRGB. A material of meshes in several lightmaps, or in one and in
-   none, is written once for each. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
+   must be in client memory, with 32-bit floats and indices, and colour textures must be sRGB or floats, as scene_file.h
+   makes them. Lights are omitted unless has_lights is set, because baked light replaces them. If the scene has any
+   glossy, metallic or transmissive material, matte materials get KHR_materials_specular with the factor 0, which
+   removes their reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The materials of meshes
+   in a lightmap get the extension MOZ_lightmap (index of the texture, texCoord 1, intensity). A viewer computes
+   irradiance = intensity * texture, after decoding the texture from sRGB. If meshes with the same material use
+   different lightmaps, or some use none, the material is written once for each case. Include after sbl.h and
+   picture_file.h. This file includes stb_image_write.h.
 
        gltf_map map = { "atlas.png", 3.5 };
        gltf_file out = { .scene = &file->scene, .names = file->names, .bin = "scene.bin", .maps = &map,
@@ -19,19 +20,19 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of a texture's file name; most parts of radiance */
+enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of the file name of a texture; greatest number of parts of radiance */
 
 typedef struct gltf_map {
     const char *name;           /* file name of the lightmap */
-    double intensity;           /* irradiance divided by the linear value of the lightmap */
+    double intensity;           /* the irradiance for a decoded texture value of 1 */
 } gltf_map;
 
-/* A material as meshes of a lightmap use it; map -1: as meshes in none use it. */
+/* A material together with the lightmap of the meshes that use it; map is -1 for meshes without a lightmap. */
 typedef struct gltf__use { int material, map; } gltf__use;
 
-/* The materials of the .gltf. */
+/* The materials as the .gltf lists them. */
 typedef struct gltf__materials {
-    int *numbers;               /* of each use: at [material * (map_count + 1) + map + 1]; -1: there is none */
+    int *numbers;               /* index in the .gltf of each use, at [material * (map_count + 1) + map + 1]; or -1 */
     gltf__use *uses;            /* one per material of the .gltf */
     int count;
 } gltf__materials;
@@ -40,18 +41,18 @@ typedef struct gltf_file {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
     const char *bin;            /* file name of the .bin */
-    const gltf_map *maps;       /* the lightmaps */
-    int map_count;              /* number of lightmaps; may be 0 */
-    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE; then
-                                   likewise those of its parts */
-    const char *const *parts;   /* names of the parts of radiance: the attributes _RADIANCE_NAME */
+    const gltf_map *maps;       /* the lightmaps that materials refer to */
+    int map_count;              /* may be 0 */
+    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh, for the attribute _RADIANCE; the
+                                   arrays of the parts follow in the same form */
+    const char *const *parts;   /* names of the parts; each becomes an attribute _RADIANCE_NAME */
     int part_count;             /* at most GLTF_PARTS */
-    size_t vertex_count;        /* if there are parts: number of all vertices */
-    const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
-    int has_lights;             /* 1: the lights of the scene are written as well */
-    const float *camera;        /* NULL, or a camera: eye, forward and up, three floats each, and fov_y in degrees */
-    const int *map_of;          /* one per mesh: number of its lightmap; -1: it is in none. NULL without lightmaps */
-    const gltf__materials *materials;  /* is set by gltf_write_json */
+    size_t vertex_count;        /* number of vertices of all meshes; used only if there are parts */
+    const char *extras;         /* NULL, or a JSON object, which becomes the extras of the asset */
+    int has_lights;             /* 1: write the lights of the scene, too */
+    const float *camera;        /* NULL, or a camera: eye, forward, up (three floats each), fov_y in degrees */
+    const int *map_of;          /* one per mesh: index of its lightmap, or -1; NULL if map_count is 0 */
+    const gltf__materials *materials;  /* set by gltf_write_json */
 } gltf_file;
 
 static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }
@@ -63,8 +64,8 @@ enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_
 
 typedef struct gltf__array { const void *data; int count, components; } gltf__array;
 
-/* Lists the arrays of a mesh; absent ones get the count 0. first: number of the first vertex of the mesh among all
-   vertices. */
+/* Lists the arrays of a mesh. An array that the mesh lacks gets the count 0. first: index of the first vertex of the
+   mesh among the vertices of all meshes */
 static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gltf__array out[GLTF_ARRAYS]) {
     const gltf__array all[] = {
         { m->positions.data, m->vertex_count, 3 }, { m->normals.data, m->vertex_count, 3 },
@@ -73,7 +74,7 @@ static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gl
     };
     const gltf__array indices = { m->indices.data, m->index_count, 1 };
     int i;
-    /* glTF forbids a second set of texture coordinates without a first one */
+    /* glTF forbids TEXCOORD_1 without TEXCOORD_0, so the lightmap coordinates serve as both */
     for (i = 0; i <= GLTF_RADIANCE; i++) out[i] = all[i == GLTF_TEXCOORD_0 && !all[i].data ? GLTF_TEXCOORD_1 : i];
     for (; i < GLTF_INDICES; i++) {
         out[i] = all[GLTF_RADIANCE];
@@ -96,7 +97,7 @@ static void gltf__put_word(FILE *out, uint32_t word) {
     fwrite(bytes, 1, 4, out);
 }
 
-/* glTF requires normals of length 1. */
+/* Writes normals, scaled to length 1 as glTF requires. A normal of length 0 becomes (0, 1, 0). */
 static void gltf__put_normals(FILE *out, const float *v, int count) {
     int i, k;
     for (i = 0; i < count; i++, v += 3) {
@@ -135,7 +136,8 @@ static inline int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 static void gltf__put_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* Returns whether a texture holds metal and roughness, transmission or normals. number: counted from 0. */
+/* Returns 1 if a texture holds metalness and roughness, transmission or normals, which are not encoded as sRGB. number:
+   index of the texture, from 0 */
 static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
     int i;
     for (i = 0; i < scene->material_count; i++)
@@ -144,7 +146,8 @@ static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
     return 0;
 }
 
-/* Writes a texture as .png: colours in 8-bit sRGB, others in linear bytes. number: counted from 0. */
+/* Writes a texture as .png: colours as 8-bit sRGB, other values as linear bytes. Returns 0 on failure. number: index of
+   the texture, from 0 */
 static inline int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
@@ -168,7 +171,7 @@ static inline int gltf_write_texture(FILE *out, const gltf_file *f, int number) 
 
 /* ---- the .gltf ---- */
 
-/* Writes a JSON string. Characters that are not printable ASCII become '?'. */
+/* Writes a JSON string. Characters other than printable ASCII become '?'. */
 static void gltf__put_name(FILE *out, const char *name) {
     fputc('"', out);
     for (; *name; name++) {
@@ -191,7 +194,7 @@ static double gltf__strength(const sbl_material *m) {
 
 enum { GLTF__STRENGTH = 1, GLTF__IOR = 2, GLTF__SPECULAR = 4, GLTF__TRANSMISSION = 8 };
 
-/* Returns which extensions a material uses. */
+/* Returns a bit mask of the extensions that a material uses. */
 static int gltf__extensions(const gltf_file *f, const sbl_material *m) {
     int i, bits = (gltf__strength(m) > 1 ? GLTF__STRENGTH : 0) | (m->transmission > 0 ? GLTF__TRANSMISSION : 0);
     if (m->ior > 0) return m->ior < 1.5f || m->ior > 1.5f ? bits | GLTF__IOR : bits;
@@ -262,14 +265,14 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     fputc('}', out);
 }
 
-/* Returns the place of the material of a mesh in gltf__materials.numbers. number: of the mesh */
+/* Returns the index into gltf__materials.numbers for the material of a mesh. number: index of the mesh */
 static size_t gltf__use_of(const gltf_file *f, int number) {
     const int map = f->map_of && f->map_count ? f->map_of[number] : -1;
     return (size_t)f->scene->meshes[number].material * (size_t)(f->map_count + 1) + (size_t)(map + 1);
 }
 
-/* Numbers the materials: those of the scene keep their numbers, as their first meshes use them; their other uses
-   follow. Returns 0 if memory runs out. */
+/* Assigns indices to the materials of the .gltf. Each material of the scene keeps its index, with the lightmap of the
+   first mesh that uses it; its uses with other lightmaps follow at the end. Returns 0 if memory runs out. */
 static int gltf__find_materials(const gltf_file *f, gltf__materials *out) {
     const size_t maps = (size_t)f->map_count + 1, count = (size_t)f->scene->material_count;
     size_t i;
@@ -281,7 +284,7 @@ static int gltf__find_materials(const gltf_file *f, gltf__materials *out) {
     for (i = 0; i < count * maps; i++) out->numbers[i] = -1;
     for (i = 0; i < count; i++) {
         out->uses[i].material = (int)i;
-        out->uses[i].map = -2;  /* not known yet */
+        out->uses[i].map = -2;  /* not yet known */
     }
     for (number = 0; number < f->scene->mesh_count; number++) {
         const size_t at = gltf__use_of(f, number);
@@ -294,7 +297,7 @@ static int gltf__find_materials(const gltf_file *f, gltf__materials *out) {
     return 1;
 }
 
-/* glTF requires the bounds of positions. */
+/* Writes the minimum and maximum of the positions, which glTF requires. */
 static void gltf__put_bounds(FILE *out, const gltf__array *a) {
     const float *v = (const float *)a->data;
     float low[3], high[3];
@@ -312,8 +315,8 @@ static void gltf__put_bounds(FILE *out, const gltf__array *a) {
 
 enum { GLTF__ACCESSORS, GLTF__VIEWS, GLTF__MESHES };
 
-/* Writes one list over all arrays of all meshes. what: accessors, buffer views, or the meshes that refer to the
-   accessors. Returns the number of bytes of all arrays. */
+/* Writes one JSON list for all arrays of all meshes. what: the accessors, the buffer views, or the meshes, which refer
+   to the accessors. Returns the size of all arrays in bytes. */
 static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
     static const char *const attributes[] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
         "_RADIANCE" };
@@ -357,7 +360,8 @@ static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
 
 static int gltf__light_count(const gltf_file *f) { return f->has_lights ? f->scene->light_count : 0; }
 
-/* Writes the matrix of a node at a place whose -z points forward. up: any vector. */
+/* Writes the matrix of a node at `eye` whose -z axis points forward. up: any vector; if it is parallel to forward,
+   another is used */
 static void gltf__put_frame(FILE *out, const float *eye, const float *forward, const float *up) {
     double z[3], x[3] = { 0, 0, 0 }, y[3], m[16] = { 0 }, length = 0;
     int k, pass;
@@ -376,7 +380,8 @@ static void gltf__put_frame(FILE *out, const float *eye, const float *forward, c
     fputc(']', out);
 }
 
-/* Writes the nodes of lights and camera. nodes: number of nodes before them. Returns the number of all nodes. */
+/* Writes the nodes of the lights and of the camera. nodes: number of nodes written before. Returns the number of all
+   nodes. */
 static int gltf__put_light_nodes(FILE *out, const gltf_file *f, int nodes) {
     static const float origin[3] = { 0, 0, 0 }, down[3] = { 0, 0, -1 }, up[3] = { 0, 1, 0 };
     int i;
@@ -491,7 +496,7 @@ static void gltf__put_json(FILE *out, const gltf_file *f) {
     fprintf(out, "\n}\n");
 }
 
-/* Returns 0 if memory runs out. */
+/* Writes the .gltf. Returns 0 if memory runs out. */
 static inline int gltf_write_json(FILE *out, const gltf_file *f) {
     gltf__materials materials = { NULL, NULL, 0 };
     gltf_file own = *f;

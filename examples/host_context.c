@@ -1,10 +1,9 @@
-/* Demonstrates a picture that is rendered inside the frame loop of a program with its own GL context and its own
-   drawing.
+/* Demonstrates sbl.h in the frame loop of a program that has its own GL context and does its own drawing.
 
-   Each frame draws a shape and gives sbl.h a slice of time. The unfinished picture is drawn next to the shape, directly
-   from its texture; it becomes sharper with each level. A bar over it shows the progress. sbl.h restores all GL state
-   that it changes, so the program sets its own state only once. The last frame is written to host_context.png; the
-   first argument is the folder for it. */
+   Each frame draws a shape and then gives sbl.h a slice of time. The unfinished picture is drawn next to the shape,
+   directly from its texture; it becomes sharper with each level. A bar over it shows the progress. The program sets its
+   own GL state only once, because sbl.h restores all state that it changes. The last frame is written to
+   host_context.png; the first argument is the folder for it. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "cornell_box.h"
@@ -13,7 +12,7 @@
 #include <stb/stb_image_write.h>
 
 enum { WIDTH = 480, HEIGHT = 320, SHAPE = 160, PICTURE = 320 };
-static const double slice = 0.02;  /* seconds per frame for sbl.h */
+static const double slice = 0.02;  /* seconds per frame that sbl.h may use */
 
 /* ---- the program's own drawing ---- */
 
@@ -36,7 +35,7 @@ static const char picture_vertex[] =
     "    at = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0;\n"
     "    gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);\n"
     "}\n";
-static const char picture_fragment[] =  /* the first row of the texture is the top of the picture; values are linear */
+static const char picture_fragment[] =  /* row 0 of the texture is the top of the picture; values are linear */
     "uniform sampler2D picture;\n"
     "in vec2 at;\n"
     "out vec4 color;\n"
@@ -143,7 +142,7 @@ int main(int argc, char **argv) {
     host_gl_close();
     if (!ok) return 1;
     snprintf(path, sizeof path, "%s/host_context.png", argc > 1 ? argv[1] : ".");
-    stbi_flip_vertically_on_write(1);  /* in GL, the first row is the lowest */
+    stbi_flip_vertically_on_write(1);  /* GL reads the lowest row first */
     if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
     return fprintf(stderr, "host_context: cannot write %s\n", path), 1;
 }

@@ -1,9 +1,9 @@
-/* Demonstrates the draw callback: geometry that exists only in the host's vertex shader, a spiral of slabs, some of
-   which emit light. It is lit together with a room given as vertex arrays: the slabs shade and light the room, and the
-   room lights the slabs.
+/* Demonstrates the draw callback with a spiral of slabs, which exists only in the vertex shader of the host. Some slabs
+   emit light. A room, given as vertex arrays, is lit together with them: the slabs cast shadows and light into the
+   room, and the room lights the slabs.
 
-   See sbl_draw_view in sbl.h for what the shaders of the callback must do. The picture is written to host_draw.png; the
-   first argument is the folder for it. With a second argument, --bare, the slabs are left out. */
+   See sbl_draw_view in sbl.h for the duties of the shaders of a callback. The picture is written to host_draw.png; the
+   first argument is the folder for it. With a second argument, --bare, the slabs are omitted. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "host_gl.h"
@@ -14,8 +14,8 @@
 enum { WIDTH = 400, HEIGHT = 320, SLABS = 21, SLAB_VERTICES = 36 };
 static const float slab_albedo[3] = { 0.1f, 0.5f, 0.45f }, slab_glow[3] = { 2.4f, 0.7f, 0.15f };
 
-/* Draws slab number gl_InstanceID of the spiral. gl_VertexID numbers the corners of its twelve triangles; there is no
-   vertex array. The fourth of every five slabs emits light. */
+/* Computes the corners of the slab with the index gl_InstanceID. gl_VertexID counts the corners of its twelve
+   triangles; no vertex array is used. In each group of five slabs, the fourth emits light. */
 static const char vertex_shader[] =
     "uniform mat4 world_to_clip;\n"
     "out vec3 position;\n"
@@ -25,8 +25,8 @@ static const char vertex_shader[] =
     "void main() {\n"
     "    int face = gl_VertexID / 6, axis = face >> 1, corner = gl_VertexID % 6;\n"
     "    float side = (face & 1) == 0 ? 1.0 : -1.0;\n"
-    "    int q = corner < 3 ? corner : corner == 3 ? 0 : corner - 2;\n"  // two triangles: 0 1 2, 0 2 3
-    // counter-clockwise from outside
+    "    int q = corner < 3 ? corner : corner == 3 ? 0 : corner - 2;\n"  // triangles 0 1 2 and 0 2 3
+    // counter-clockwise, as seen from outside
     "    vec2 uv = vec2(q == 1 || q == 2 ? 1.0 : -1.0, q >= 2 ? 1.0 : -1.0) * vec2(side, 1.0);\n"
     "    vec3 n = axis == 0 ? vec3(side, 0, 0) : axis == 1 ? vec3(0, side, 0) : vec3(0, 0, side);\n"
     "    vec3 p = axis == 0 ? vec3(side, uv) : axis == 1 ? vec3(uv.y, side, uv.x) : vec3(uv, side);\n"
@@ -39,9 +39,9 @@ static const char vertex_shader[] =
     "    gl_Position = world_to_clip * vec4(position, 1.0);\n"
     "}\n";
 
-/* The source of four programs: for sensors or for the camera, each with and without writing depth. */
+/* The source of four programs: one for sensors and one for the camera, each with and without writing depth. */
 static const char fragment_shader[] =
-    "uniform vec3 eye, albedo, emission, light[6];\n"  // light: see sbl_draw_view
+    "uniform vec3 eye, albedo, emission, light[6];\n"  // light is described at sbl_draw_view
     "uniform float radiance_scale, depth_scale;\n"
     "in vec3 position;\n"
     "flat in vec3 normal;\n"
@@ -95,8 +95,8 @@ static int slabs_make(slabs *s) {
     return 1;
 }
 
-/* The callback. sbl.h has bound the framebuffer and set viewport, scissor and depth test. Afterwards it restores the
-   state that the callback changes. */
+/* The callback. Before it, sbl.h binds the framebuffer and sets viewport, scissor and depth test. Afterwards, sbl.h
+   restores the state that the callback changed. */
 static void slabs_draw(const sbl_draw_view *view, void *user) {
     const slabs *s = (const slabs *)user;
     GLuint program = s->programs[view->kind == SBL_VIEW_SENSOR][view->write_depth != 0];
@@ -112,7 +112,7 @@ static void slabs_draw(const sbl_draw_view *view, void *user) {
     gl.DrawArraysInstanced(GL_TRIANGLES, 0, SLAB_VERTICES, SLABS);
 }
 
-static const float room_corners[] = {  /* floor, back wall, left wall, lamp: four corners each */
+static const float room_corners[] = {  /* floor, back wall, left wall and lamp, with four corners each */
     -3, 0, -2,   -3, 0, 3,    3, 0, 3,    3, 0, -2,
     -3, 0, -2,    3, 0, -2,   3, 3, -2,  -3, 3, -2,
     -3, 0, 3,    -3, 0, -2,  -3, 3, -2,  -3, 3, 3,
@@ -149,7 +149,7 @@ static int render(sbl_context *context, slabs *s, float *picture) {
     }
     view.width = WIDTH;
     view.height = HEIGHT;
-    view.options.preset = SBL_PRESET_DRAFT;  /* the callback is called five times per sensor */
+    view.options.preset = SBL_PRESET_DRAFT;  /* cheap: the callback runs five times per sensor */
     view.samples = 4;
     sbl_look_at(view.world_to_view, 0.6f, 1.7f, 5.2f, 0, 1, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 34, (float)WIDTH / HEIGHT);
@@ -172,7 +172,7 @@ int main(int argc, char **argv) {
     char path[1024];
     if (!host_gl_open("host_draw")) return 1;
     desc.get_gl_function = gl_function;
-    if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h prints errors to stderr */
+    if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h prints error messages to stderr */
         ok = render(context, bare ? NULL : &s, picture);
         printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count,
                sbl_query_stats(context).sensors.microseconds);

@@ -1,6 +1,6 @@
-/* The GL setup of a host program: a context without a window, created with EGL (on Windows: with a hidden window), and
-   the program's own pointers to GL functions. Used by examples that run sbl.h inside such a program, and by the bench.
-   This file does not depend on sbl.h.
+/* Sets up GL for a host program: creates a context without a window by EGL, or with a hidden window on Windows, and
+   loads the program's own pointers to GL functions. The examples that run sbl.h inside a host program use it, and the
+   bench. This file does not depend on sbl.h.
 
        if (!host_gl_open("name of the program")) return 1;
        gl.ClearColor(0, 0, 0, 1);
@@ -67,7 +67,7 @@ static inline void (*host_gl_function(const char *name))(void) { return wgl_func
 
 #else
 
-/* Initialises the display and makes a context without a surface current. Returns 0 on failure. */
+/* Initialises the display and makes a new context current, without a surface. Returns 0 on failure. */
 static inline int host_gl_try(EGLDisplay display) {
     static const EGLint config_wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT,
         EGL_NONE };
@@ -87,7 +87,7 @@ static inline int host_gl_try(EGLDisplay display) {
     return 0;
 }
 
-/* Destroys the context. The display is not terminated, because sbl.h or another library may use it too. */
+/* Destroys the context. Does not terminate the display, because sbl.h or another library may use it, too. */
 static inline void host_gl_close(void) {
     if (gl.display == EGL_NO_DISPLAY) return;
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
@@ -119,7 +119,7 @@ static inline void (*host_gl_function(const char *name))(void) { return eglGetPr
 
 #endif
 
-/* Loads all functions of the current context. Returns 0 and prints a message if one is missing. */
+/* Loads all functions of the current context. Prints a message and returns 0 if one is missing. */
 static inline int host_gl_load(const char *program, void (*(*find)(const char *name))(void)) {
 #define X(TYPE, name)                                                                          \
     if (!(gl.name = (PFNGL##TYPE##PROC)find("gl" #name)))                                      \
@@ -129,7 +129,7 @@ static inline int host_gl_load(const char *program, void (*(*find)(const char *n
     return 1;
 }
 
-/* Creates the context and loads all functions. Returns 0 and prints a message if there is no GL. */
+/* Creates the context and loads all functions. Prints a message and returns 0 on failure. */
 static inline int host_gl_open(const char *program) {
     if (!host_gl__open_context(program)) return 0;
     if (host_gl_load(program, host_gl_function)) return 1;
@@ -137,8 +137,8 @@ static inline int host_gl_open(const char *program) {
     return 0;
 }
 
-/* Compiles a program. vertex, fragment: GLSL without #version. defines: "" or lines of #define. Returns 0 and prints a
-   message on failure. */
+/* Compiles a GL program. Prints a message and returns 0 on failure. vertex, fragment: GLSL without #version. defines:
+   "", or lines of #define */
 static inline GLuint host_gl_program(const char *program, const char *defines, const char *vertex,
                                      const char *fragment) {
     GLuint id = gl.CreateProgram();

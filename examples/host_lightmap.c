@@ -1,5 +1,5 @@
-/* Demonstrates what an engine does with baked light: draws a scene in plain OpenGL 3.3 with a lightmap from sbl_bake,
-   and a moving ball in it with the light of probes. `host_lightmap --help` explains its options. */
+/* Demonstrates the use of baked light in an engine: draws a scene in plain OpenGL 3.3 with a lightmap from sbl_bake,
+   and in it a moving ball that is lit by probes. `host_lightmap --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -19,7 +19,7 @@
 
 /* ---- the command line ---- */
 
-static const char *files[2];  /* the scene, and the folder of the lightmap */
+static const char *files[2];  /* file name of the scene, and folder of the lightmap */
 static int channel;
 enum { FINAL, RADIANCE };
 static const char *const channel_words[] = { "final", "radiance", NULL };
@@ -36,7 +36,8 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 
-/* Notes options that have no effect: with --output, those for the light of probes; always, those for making a map. */
+/* Notes options without effect: with --output, the options for the light of probes; always, the options for making a
+   lightmap. */
 static void note_effects(void) {
     static const int light[] = { MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, SEED, LIGHT_SCALE,
                                  SKY_ROTATION, SKY_SCALE, SKY_UP };
@@ -81,7 +82,7 @@ static const char vertex_shader[] =
     "    gl_Position = view_to_clip * (world_to_view * (object_to_world * vec4(position, 1.0)));\n"
     "}\n";
 
-/* All that a lightmap needs in a shader: light = albedo * R + emission. */
+/* All that a shader needs for a lightmap: light = albedo * R + emission. */
 static const char fragment_shader[] =
     "uniform sampler2D lightmap, albedo_texture, emission_texture;\n"
     "uniform vec3 albedo, emission;\n"
@@ -97,7 +98,7 @@ static const char fragment_shader[] =
     "    light = vec4(channel == 1 ? R : albedo * color.rgb * R + emission * texture(emission_texture, uv).rgb, 1);\n"
     "}\n";
 
-/* Draws a ball: gl_VertexID numbers the corners of a grid over the sphere. */
+/* Draws a ball: gl_VertexID counts the vertices of a grid over the sphere. */
 static const char ball_vertex_shader[] =
     "uniform mat4 world_to_view, view_to_clip;\n"
     "uniform vec3 middle;\n"
@@ -112,8 +113,8 @@ static const char ball_vertex_shader[] =
     "    gl_Position = view_to_clip * (world_to_view * vec4(middle + radius * normal, 1.0));\n"
     "}\n";
 
-/* All that a probe needs in a shader: R for a normal, here from the ambient cube. The cube is never negative, unlike
-   nine harmonics near a strong lamp. */
+/* All that a shader needs for a probe: R for a normal, here from the ambient cube. Unlike nine harmonics near a strong
+   lamp, the cube is never negative. */
 static const char ball_fragment_shader[] =
     "uniform vec3 cube[6];\n"
     "in vec3 normal;\n"
@@ -194,7 +195,7 @@ static int host_make(host *h, const scene_file *file, const image *lightmaps) {
     if (!h->program || !h->ball_program || !h->textures || !h->lightmaps || !h->meshes) return 0;
     gl.GenVertexArrays(1, &h->ball_array);
     h->white = texture_of(GL_RGBA8, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, white);
-    /* Bilinear filtering is enough, because light is smooth. Mip maps would mix neighbouring charts where gutters are
+    /* Bilinear filtering suffices, because light is smooth. Mip maps would mix neighbouring charts where gutters are
        narrow. */
     for (i = 0; i < file->map_count; i++) {
         const image *from = &lightmaps[i];
@@ -249,18 +250,18 @@ static void draw(const host *h, const scene_file *file, const float world_to_vie
     }
 }
 
-/* ---- the light of the ball ---- */
+/* ---- the probes that light the ball ---- */
 
 enum { ACROSS = 6, PROBES = ACROSS * ACROSS * ACROSS };
 
 typedef struct room {
     float lowest[3], highest[3];
     float across;                                   /* width + height + depth */
-    float world_to_view[16], view_to_clip[16];  /* of the camera */
+    float world_to_view[16], view_to_clip[16];  /* matrices of the camera */
     sbl_probe probes[PROBES];
 } room;
 
-/* Bakes a grid of probes over the room. */
+/* Bakes a grid of probes over the bounds of the scene. */
 static sbl_result room_bake(room *r, sbl_context *context) {
     progress bar = { 0, now(), 0, 0, 0 };
     sbl_probes_desc desc;
@@ -272,7 +273,7 @@ static sbl_result room_bake(room *r, sbl_context *context) {
     return sbl_bake_probes(context, &desc);
 }
 
-/* Computes the position of a camera. The rows of the view matrix are right, up and back. */
+/* Computes the position of a camera. The rows of its view matrix are the directions right, up and back. */
 static void eye_of(const float world_to_view[16], float eye[3]) {
     const float *m = world_to_view;
     int k;
@@ -293,11 +294,11 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
     if (result != SBL_SUCCESS) return result;
     camera_choose(&shot, file, given, &s);
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, &shot, given, &s);
-    r->view_to_clip[14] = -0.001f * r->across;  /* near plane at 0.0005 * across */
+    r->view_to_clip[14] = -0.001f * r->across;  /* puts the near plane at 0.0005 * across */
     return *misplaced || common.output ? result : room_bake(r, context);
 }
 
-/* Interpolates the ambient cubes of the valid probes among the eight around a point. */
+/* Interpolates the ambient cubes of the eight probes around a point; only valid probes count. */
 static void room_light(const room *r, const float point[3], float cube[6][3]) {
     int cell[3], corner, i, k;
     float share[3], all = 0;
@@ -336,7 +337,7 @@ static void draw_ball(const host *h, const room *r, const float middle[3], const
     gl.DrawArraysInstanced(GL_TRIANGLES, 0, BALL_VERTICES, 1);
 }
 
-/* ---- the whole tool ---- */
+/* ---- the main program ---- */
 
 enum { FRAMES = 12, PICTURE = OWN_TARGETS };
 
@@ -376,7 +377,7 @@ static int write_frame(FILE *out, const void *what) {
     return picture_write(out, f->name, &f->picture, SBL_CHANNEL_FINAL, 0);
 }
 
-/* Reads what was drawn, top row first. Returns 0 on failure. */
+/* Reads the drawn picture, top row first. Returns 0 on failure. */
 static int read_drawn(image *picture) {
     const size_t row = 3 * (size_t)picture->width, height = (size_t)picture->height;
     size_t y, i;
@@ -393,7 +394,7 @@ static int read_drawn(image *picture) {
     return gl.GetError() == GL_NO_ERROR;
 }
 
-/* Writes what was drawn to a frame. Returns the exit status. */
+/* Writes the drawn picture as a frame. Returns the exit status. */
 static int keep_frame(int number) {
     frame f;
     int status = DONE;
@@ -409,7 +410,7 @@ static int keep_frame(int number) {
     return status;
 }
 
-/* Draws all frames: the camera moves to the right, and the ball moves in the same direction, faster. */
+/* Draws all frames: the camera moves to the right, and the ball moves in the same direction, but faster. */
 static int draw_walk(const host *h, const scene_file *file, const room *r) {
     const float *start = r->world_to_view, across = r->across;
     float world_to_view[16], eye[3], ball[3];
@@ -442,7 +443,7 @@ static int show(const scene_file *file, const image *lightmaps, const room *r) {
     free(h.textures);
     free(h.lightmaps);
     free(h.meshes);
-    host_gl_close();  /* also destroys all objects in it */
+    host_gl_close();  /* also destroys all objects of the context */
     return status;
 }
 

@@ -1,10 +1,10 @@
-/* Writes textures as .ktx2 (KTX 2.0, Khronos): pictures, cube maps and arrays of floats, with levels, uncompressed.
-   Needs neither GL nor sbl.h.
+/* Writes uncompressed float textures as .ktx2 (KTX 2.0, Khronos): pictures or cube maps, with mip levels. Needs neither
+   GL nor sbl.h.
 
        ktx2_picture p = { 128, 128, 6, 6, 3, KTX2_HALF, levels, "my program" };
        ok = ktx2_write(stream, &p);
 
-   Values are linear. Half floats are rounded to the nearest; what exceeds 65504 becomes 65504, and NaN becomes 0. */
+   Values are linear. Half floats are rounded to nearest; values beyond 65504 become 65504, and NaN becomes 0. */
 #ifndef KTX2_FILE_H
 #define KTX2_FILE_H
 
@@ -12,21 +12,21 @@
 #include <stdio.h>
 #include <string.h>
 
-/* The numbers of R16G16B16A16_SFLOAT and R32G32B32A32_SFLOAT in VkFormat. The components that a picture lacks are 0,
-   alpha is 1. */
+/* The values of VkFormat for R16G16B16A16_SFLOAT and R32G32B32A32_SFLOAT. Texels always have four channels: colour
+   channels that the picture lacks become 0, and a missing alpha becomes 1. */
 typedef enum ktx2_format { KTX2_HALF = 97, KTX2_FLOAT = 109 } ktx2_format;
 
 typedef struct ktx2_picture {
-    int width, height;         /* of level 0; each further level has half of it, rounded down, but at least 1 */
-    int faces;                 /* 1; or 6: a cube map, whose faces are +x -x +y -y +z -z */
+    int width, height;         /* size of level 0; each further level has half the size, rounded down, but at least 1 */
+    int faces;                 /* 1, or 6 for a cube map, whose faces are +x -x +y -y +z -z */
     int levels;                /* 1 or more */
-    int components;            /* floats for each texel, 1 to 4 */
+    int components;            /* floats per texel in values, 1 to 4 */
     ktx2_format format;
-    const float *const *values;  /* one array for each level: face after face, each from its first row on */
-    const char *writer;        /* name of the program, which the file mentions; NULL: none */
+    const float *const *values;  /* one array per level: face after face, each starting with its first row */
+    const char *writer;        /* name of the program, which the file records; or NULL */
 } ktx2_picture;
 
-/* Returns a float as the bits of a half float. */
+/* Converts a float to the bits of a half float. */
 static inline uint16_t ktx2_half(float value) {
     uint32_t bits, magnitude, sign;
     int shift;
@@ -34,16 +34,16 @@ static inline uint16_t ktx2_half(float value) {
     sign = bits >> 16 & 0x8000;
     magnitude = bits & 0x7fffffff;
     if (magnitude > 0x7f800000) return 0;                                  /* NaN */
-    if (magnitude >= 0x477ff000) return (uint16_t)(sign | 0x7bff);         /* 65520 and more would become infinite */
-    if (magnitude < 0x33000000) return (uint16_t)sign;                     /* below 2^-25 */
-    shift = magnitude < 0x38800000 ? 126 - (int)(magnitude >> 23) : 13;    /* below 2^-14 halves have fewer bits */
+    if (magnitude >= 0x477ff000) return (uint16_t)(sign | 0x7bff);         /* 65520 and above would round to infinity */
+    if (magnitude < 0x33000000) return (uint16_t)sign;                     /* below 2^-25 rounds to zero */
+    shift = magnitude < 0x38800000 ? 126 - (int)(magnitude >> 23) : 13;    /* below 2^-14: denormal, fewer bits */
     if (shift > 13) magnitude = (magnitude & 0x7fffff) | 0x800000;
     else magnitude -= 112u << 23;
-    magnitude += (1u << (shift - 1)) - 1 + (magnitude >> shift & 1);       /* to the nearest, ties to even */
+    magnitude += (1u << (shift - 1)) - 1 + (magnitude >> shift & 1);       /* rounds to nearest, ties to even */
     return (uint16_t)(sign | magnitude >> shift);
 }
 
-/* Writes a number of any width, the lowest byte first. */
+/* Writes an integer of any width, lowest byte first. */
 static inline void ktx2__put(FILE *out, uint64_t value, int bytes) {
     for (; bytes > 0; bytes--, value >>= 8) fputc((int)(value & 255), out);
 }
@@ -57,30 +57,31 @@ static inline uint64_t ktx2__bytes(const ktx2_picture *p, int level) {
 
 enum { KTX2__INDEX = 80, KTX2__LEVEL = 24, KTX2__DESCRIPTOR = 4 + 24 + 4 * 16 };
 
-/* Writes the data format descriptor: four channels of signed floats, linear, with the primaries of BT.709. */
+/* Writes the data format descriptor: four channels of signed, linear floats with the primaries of BT.709. */
 static inline void ktx2__put_descriptor(FILE *out, int bits) {
     int i;
     ktx2__put(out, KTX2__DESCRIPTOR, 4);
-    ktx2__put(out, 0, 4);                       /* basic, Khronos */
+    ktx2__put(out, 0, 4);                       /* basic descriptor, by Khronos */
     ktx2__put(out, 2, 2);                       /* version 1.3 */
     ktx2__put(out, KTX2__DESCRIPTOR - 4, 2);
-    ktx2__put(out, 1, 1);                       /* model RGBSDA */
-    ktx2__put(out, 1, 1);                       /* BT.709 */
-    ktx2__put(out, 1, 1);                       /* linear */
-    ktx2__put(out, 0, 1);                       /* alpha is straight */
+    ktx2__put(out, 1, 1);                       /* colour model RGBSDA */
+    ktx2__put(out, 1, 1);                       /* primaries BT.709 */
+    ktx2__put(out, 1, 1);                       /* linear transfer function */
+    ktx2__put(out, 0, 1);                       /* straight alpha */
     ktx2__put(out, 0, 4);                       /* blocks of one texel */
-    ktx2__put(out, (uint64_t)(bits / 2), 8);    /* bytes of a texel: 4 * bits / 8 */
+    ktx2__put(out, (uint64_t)(bits / 2), 8);    /* bytes per texel: 4 * bits / 8 */
     for (i = 0; i < 4; i++) {
         ktx2__put(out, (uint64_t)(i * bits), 2);
         ktx2__put(out, (uint64_t)(bits - 1), 1);
-        ktx2__put(out, (i < 3 ? (uint64_t)i : 15u) | 0xc0, 1);  /* channel; float and signed */
+        ktx2__put(out, (i < 3 ? (uint64_t)i : 15u) | 0xc0, 1);  /* channel; flags float and signed */
         ktx2__put(out, 0, 4);
-        ktx2__put(out, 0xbf800000, 4);          /* -1 */
-        ktx2__put(out, 0x3f800000, 4);          /* 1 */
+        ktx2__put(out, 0xbf800000, 4);          /* lowest value, -1.0 */
+        ktx2__put(out, 0x3f800000, 4);          /* highest value, 1.0 */
     }
 }
 
-/* Writes one key and its text, filled up to a multiple of 4 bytes. Returns the number of bytes; out may be NULL. */
+/* Writes one key with its text, padded to a multiple of 4 bytes. Returns the number of bytes. out: NULL to count
+   only */
 static inline uint64_t ktx2__key(FILE *out, const char *key, const char *text) {
     const size_t length = strlen(key) + strlen(text) + 2, all = (4 + length + 3) / 4 * 4;
     if (!out) return all;
@@ -111,7 +112,7 @@ static inline void ktx2__put_texels(FILE *out, const ktx2_picture *p, int level)
         }
 }
 
-/* Writes a file. Returns whether that succeeded. */
+/* Writes a file. Returns 1 on success. */
 static inline int ktx2_write(FILE *out, const ktx2_picture *p) {
     static const unsigned char mark[12] = { 0xab, 'K', 'T', 'X', ' ', '2', '0', 0xbb, '\r', '\n', 0x1a, '\n' };
     const int bits = p->format == KTX2_HALF ? 16 : 32;
@@ -127,13 +128,13 @@ static inline int ktx2_write(FILE *out, const ktx2_picture *p) {
     ktx2__put(out, 0, 8);                       /* neither depth nor layers */
     ktx2__put(out, (uint64_t)p->faces, 4);
     ktx2__put(out, (uint64_t)p->levels, 4);
-    ktx2__put(out, 0, 4);                       /* uncompressed */
+    ktx2__put(out, 0, 4);                       /* no supercompression */
     ktx2__put(out, descriptor, 4);
     ktx2__put(out, KTX2__DESCRIPTOR, 4);
     ktx2__put(out, keys, 4);
     ktx2__put(out, end - keys, 4);
     ktx2__put(out, 0, 16);
-    for (i = 0; i < p->levels; i++) {           /* the smallest level comes first in the file */
+    for (i = 0; i < p->levels; i++) {           /* in the file, the smallest level comes first */
         for (at = first, k = p->levels - 1; k > i; k--) at += ktx2__bytes(p, k);
         ktx2__put(out, at, 8);
         ktx2__put(out, ktx2__bytes(p, i), 8);

@@ -1,19 +1,19 @@
-/* The light groups of sbl_bake: reads the list of --light-groups, and gives each light, each emitting mesh and the sky
-   of a scene file the number of its group. Include after sbl.h, tool.h, scene_file.h and bake_parts.h. */
+/* Implements --light-groups of sbl_bake: reads its list, and assigns a light group to each light, each emitting mesh
+   and the sky of a scene file. Include after sbl.h, tool.h, scene_file.h and bake_parts.h. */
 #ifndef LIGHT_GROUPS_H
 #define LIGHT_GROUPS_H
 
 #include <fnmatch.h>
 
-/* The items of the list, in their order. Without the item "rest", sources that match no pattern belong to one more
-   group, "rest", if there are such sources. */
+/* The items of the list, in their order. If no item is named "rest" and some sources match no pattern, a further group
+   "rest" holds them. */
 typedef struct light_groups {
     bake_groups list;
     struct { char pattern[128]; int used; } items[SBL_MAX_LIGHT_GROUPS + 1];
     char error[256];
 } light_groups;
 
-/* Adds an item. Returns 0, with an error, if the name is not usable or there are too many. */
+/* Adds an item. Returns 0 and sets g->error if the name is not valid or there are too many groups. */
 static int groups__add(light_groups *g, const char *name, size_t length, const char *pattern, size_t pattern_length) {
     int i;
     const int fits = length > 0 && length < BAKE_GROUP_NAME && strspn(name, bake_letters) >= length;
@@ -38,7 +38,7 @@ static int groups__add(light_groups *g, const char *name, size_t length, const c
     return 1;
 }
 
-/* Reads NAME=PATTERN,NAME,...; NAME alone is its own pattern. Returns 0, with an error, if the list is wrong. */
+/* Reads NAME=PATTERN,NAME,...; a NAME alone is also its pattern. Returns 0 and sets g->error if the list is wrong. */
 static int groups_read(light_groups *g, const char *list) {
     memset(g, 0, sizeof *g);
     for (;;) {
@@ -50,14 +50,14 @@ static int groups_read(light_groups *g, const char *list) {
     }
 }
 
-/* Returns the number of the group of a source: of the first pattern that matches its name, or of "rest". */
+/* Returns the index of the group of a source: the first group whose pattern matches its name, or "rest". */
 static int groups__find(light_groups *g, const char *name) {
     int i;
     for (i = 0; i < g->list.count; i++)
         if (fnmatch(g->items[i].pattern, name, 0) == 0) break;
     if (i == g->list.count)
         for (i = 0; i < g->list.count && strcmp(g->list.names[i], "rest") != 0; i++) {}
-    if (i == g->list.count && g->list.count <= SBL_MAX_LIGHT_GROUPS) {  /* more than allowed: groups_assign tells it */
+    if (i == g->list.count && g->list.count <= SBL_MAX_LIGHT_GROUPS) {  /* groups_assign reports a group too many */
         snprintf(g->list.names[i], sizeof g->list.names[i], "rest");
         snprintf(g->items[i].pattern, sizeof g->items[i].pattern, "rest");
         g->list.count++;
@@ -66,8 +66,9 @@ static int groups__find(light_groups *g, const char *name) {
     return i;
 }
 
-/* Gives the sources of the scene their groups. A material that emits on meshes of several groups becomes one material
-   for each; *materials receives the new list, which the caller frees. Returns 0, with an error, on failure. */
+/* Assigns groups to the sources of the scene. An emitting material that is used by meshes of several groups is copied
+   for each of them. Returns 0 and sets g->error on failure. materials: receives the new list of materials, which the
+   caller frees */
 static int groups_assign(light_groups *g, scene_file *file, sbl_material **materials) {
     sbl_scene_desc *scene = &file->scene;
     sbl_mesh *meshes = (sbl_mesh *)scene->meshes;

@@ -1,6 +1,7 @@
-/* Demonstrates every kind of light, in one picture for each, and the penumbra of a large lamp at each preset. Below the
-   penumbra, the rays of four sensors in it are drawn; blocked rays towards the lamp are red. The first argument is the
-   folder for the pictures. With a second argument, the pictures of the kinds are drafts. */
+/* Demonstrates every kind of light in one picture each, and the penumbra of a large lamp at each preset. Below the
+   pictures of the penumbra, the rays of four sensors are drawn; those that are blocked on their way to the lamp are
+   red. The first argument is the folder for the pictures. With a second argument, the pictures of the kinds are
+   drafts. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -11,17 +12,17 @@
 
 enum { WIDTH = 320, HEIGHT = 240, INSETS = 4, INSET = WIDTH / INSETS, SLICES = 24, PANES = 6 };
 
-/* ---- three shapes, of which scenes are made ---- */
+/* ---- three shapes, from which the scenes are built ---- */
 
 #define SIDE(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz) \
     ax, ay, az, bx, by, bz, cx, cy, cz, ax, ay, az, cx, cy, cz, dx, dy, dz
 static const float quad[] = { SIDE(-1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1) };
 static const float quad_texcoords[] = { 0, 0, 0, 1, 1, 1, 0, 0, 1, 1, 1, 0 };
-static const float box[] = {  /* stands on the ground, without a bottom */
+static const float box[] = {  /* stands on the ground, and has no bottom face */
     SIDE(-1, 2, -1, -1, 2, 1, 1, 2, 1, 1, 2, -1), SIDE(-1, 0, 1, 1, 0, 1, 1, 2, 1, -1, 2, 1),
         SIDE(1, 0, -1, -1, 0, -1, -1, 2, -1, 1, 2, -1),
     SIDE(1, 0, 1, 1, 0, -1, 1, 2, -1, 1, 2, 1), SIDE(-1, 0, -1, -1, 0, 1, -1, 2, 1, -1, 2, -1) };
-static float ball[4 * SLICES * (SLICES - 1) * 9];  /* positions, which are also the normals */
+static float ball[4 * SLICES * (SLICES - 1) * 9];  /* positions, which also serve as normals */
 
 static void make_ball(void) {
     static const int corner[6][2] = { { 0, 0 }, { 1, 0 }, { 1, 1 }, { 0, 0 }, { 1, 1 }, { 0, 1 } };
@@ -52,7 +53,7 @@ static const sbl_texture window_picture = { .pixels = panes, .width = PANES, .he
 
 typedef struct world { sbl_mesh meshes[1024]; int count; } world;
 
-/* Adds a use of a shape. x, y, z: centre of its base, or of the ball. */
+/* Adds an object with this shape. x, y, z: centre of its base, or of the ball */
 static void add(world *w, const float *shape, int vertices, float x, float y, float z, float width, float height,
                 float depth, int material) {
     const sbl_mesh mesh = {
@@ -78,7 +79,7 @@ static void sunny(const float direction[3], float radiance[3], void *user) {
 
 static const struct kind {
     const char *name;
-    int lamps, material;  /* number and material of emitting quads */
+    int lamps, material;  /* number of emitting quads, and their material */
     void (*sky)(const float direction[3], float radiance[3], void *user);
     sbl_light light;
 } kinds[] = {
@@ -103,9 +104,9 @@ static void furnish(world *w, const struct kind *k) {
     ADD(w, box, -1.1f, 0, -0.6f, 0.8f, 1.5f, 0.8f, WHITE);
     ADD(w, box, -0.2f, 0, 0.9f, 0.6f, 0.35f, 0.6f, BLUE);
     ADD(w, ball, 0.4f, 0.5f, 0, 1, 1, 1, RED);
-    ADD(w, box, 1.6f, 0, 0, 0.01f, 1.1f, 2.2f, WHITE);  /* a wall, 0.01 thick */
+    ADD(w, box, 1.6f, 0, 0, 0.01f, 1.1f, 2.2f, WHITE);  /* a wall of thickness 0.01 */
     if (k->lamps == 1) ADD(w, quad, -1, 3, 1.2f, 1, 1, 1, k->material);
-    for (i = 0; i < k->lamps && k->lamps > 1; i++)  /* a spiral of small lamps */
+    for (i = 0; i < k->lamps && k->lamps > 1; i++)  /* small lamps along a spiral */
         ADD(w, quad, (float)(0.05 * sqrt(i) * cos(2.4 * i)), 1.9f, (float)(0.05 * sqrt(i) * sin(2.4 * i)), 0.014f, 1,
             0.014f, i % 5 ? WARM : COLD);
 }
@@ -136,7 +137,7 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS,
         .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset };  /* all else: defaults */
+    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset };  /* other fields: default */
     furnish(&w, k);
     scene.mesh_count = w.count;
     scene.lights = &k->light;
@@ -151,7 +152,8 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
         write_picture(folder, k->name, HEIGHT);
 }
 
-/* Draws the rays of the sensor at a pixel below the picture (see sensor_disc.h), and a red square around the pixel. */
+/* Draws, below the picture, the rays of the sensor at one pixel (see sensor_disc.h), and a red square around that
+   pixel. */
 static int draw_inset(sbl_context *context, int number, int px, int py) {
     static float disc[INSET * INSET * 3];
     sbl_sensor s;
@@ -200,7 +202,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
-    if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
+    if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints error messages to stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], preset, folder);
     ok = ok && show_penumbra(context, SBL_PRESET_DRAFT, folder) && show_penumbra(context, SBL_PRESET_DEFAULT, folder) &&

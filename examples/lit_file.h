@@ -1,18 +1,18 @@
-/* Writes a scene with its baked light as one .glb. A viewer of glTF shows it without lights, and needs no extension but
-   KHR_materials_unlit: each material is unlit, and its only texture holds what a screen shows there, which is colour
-   times light plus emission, exposed, tone-mapped (PBR Neutral, as SBL_TONE_NEUTRAL) and encoded as sRGB.
+/* Writes a scene with its baked light as one .glb. A glTF viewer shows it without lights, and needs no extension other
+   than KHR_materials_unlit: each material is unlit, and its only texture holds the final colours for the screen. These
+   are colour times light plus emission, exposed, tone-mapped (PBR Neutral, as SBL_TONE_NEUTRAL) and encoded as sRGB.
 
-   An unlit material shows one texture, and no viewer multiplies two. Therefore the colours of the surfaces are copied
-   into the charts of the lightmap. What this loses: colours have the density of the texture of this file, reflections
-   and normal maps are not shown, and light cannot be changed. What stays: cut-outs and partial transparency, as alpha
-   of the texture. The texture coordinates of the charts are both TEXCOORD_0 and TEXCOORD_1 (one array), so that viewers
-   that know one set show the file, too. Positions are in world space, because glTF allows no shear in a matrix.
+   An unlit material shows a single texture; no viewer multiplies two. Therefore the surface colours are copied into the
+   charts of the lightmap. They get the texel density of the new texture; reflections and normal maps are lost, and the
+   light is fixed. Cut-outs and partial transparency are kept in the alpha of the texture. TEXCOORD_0 and TEXCOORD_1 are
+   the same array, the lightmap coordinates, so that viewers with only one set of texture coordinates also show the
+   file. Positions are in world space, because the matrix of a glTF node must not contain shear.
 
-   If there are several lightmaps, the file has a texture for each of them. Meshes in none are shown in the mean light
-   of the maps. Include after gltf_file.h.
+   The file has one texture for each lightmap. Meshes without a lightmap are shown in the mean light of the maps.
+   Include after gltf_file.h.
 
        lit_scene lit = { &file->scene, file->names, file->maps, &atlas, 1, 2048 };
-       ok = lit_meter(&lit, &light);  // for the light of each map
+       ok = lit_meter(&lit, &light);  // once for each map
        lit.stops = lit_stops(&lit);
        ok = ok && lit_spare(&lit) && lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
        lit_free(&lit); */
@@ -24,45 +24,45 @@
 typedef struct lit_scene {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
-    const int *maps;            /* one per mesh: number of its map; -1: it is in none */
-    const image *atlases;       /* R of each map, continued into the gutters */
+    const int *maps;            /* one per mesh: the index of its map, or -1 if it has none */
+    const image *atlases;       /* R of each map, with filled gutters */
     int map_count;
-    int size;                   /* texels across the texture of a map */
-    double stops;               /* exposure */
-    double mean[3];             /* mean R where there is a surface, from lit_stops */
-    double *logs;               /* logarithms of luminances that lit_meter has found */
+    int size;                   /* width of each texture in texels */
+    double stops;               /* exposure in stops */
+    double mean[3];             /* lit_meter adds up R here; lit_stops divides by the number of texels */
+    double *log_luminances;     /* logarithms of the luminances, from lit_meter */
     size_t log_count;
-    int map;                    /* the map whose texture is drawn */
-    unsigned char *texels;      /* rgba, sRGB; the levels of a pyramid follow */
-    unsigned char *rank;        /* per texel: 0: unknown, 255: inside a triangle, otherwise the nearer the higher */
-    char **pngs;                /* the compressed textures */
+    int map_index;              /* index of the map whose texture is being drawn */
+    unsigned char *texels;      /* the texture: rgba in sRGB; the smaller levels of its pyramid follow */
+    unsigned char *rank;        /* per texel: 0: unknown; 255: in a triangle; between: outside, greater if nearer */
+    char **pngs;                /* the textures as .png files in memory */
     size_t *png_sizes;
     double gain;                /* 2 to the power of stops */
-    const volatile sig_atomic_t *cancel;  /* NULL, or no more triangles are drawn if it is not 0 */
-    float *metered;             /* receives luminances instead of texels; NULL: texels are made */
-    int *slots;                 /* number of each material in the .glb, first as in each map, then as outside of them;
-                                   -1: it is not used */
+    const volatile sig_atomic_t *cancel;  /* NULL, or a flag: drawing stops if it is not 0 */
+    float *metered;             /* if not NULL, drawing stores luminances here instead of colours in texels */
+    int *slots;                 /* index in the .glb of each use of a material: for each map, then for no map, one per
+                                   material; -1 if no mesh has this use */
 } lit_scene;
 
-enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
-#define LIT_BYTES 7.0  /* memory for a texel of the texture, with the levels of its pyramid */
+enum { LIT_SIZE_MAX = 4096, LIT_SIZE_MIN = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
+#define LIT_BYTES 7.0  /* bytes per texel of a texture, with its pyramid */
 
-/* Returns the size of the texture for a map of this size: that of the map if no surface has a texture, otherwise four
-   times that. It is halved until it fits into the bytes. */
-static inline int lit_size(const sbl_scene_desc *scene, int map, double bytes) {
+/* Returns the width of the textures for maps of this size: the size of the map if no surface has a texture, otherwise
+   LIT_SCALE times the size. The width is halved until the texture fits into `bytes`. */
+static inline int lit_size(const sbl_scene_desc *scene, int map_size, double bytes) {
     int i, textured = 0, size;
     for (i = 0; i < scene->material_count; i++)
         textured |= scene->materials[i].albedo_texture || scene->materials[i].emission_texture;
-    size = map > LIT_MOST / LIT_SCALE ? LIT_MOST : map * LIT_SCALE;
-    if (!textured) size = map < LIT_MOST ? map : LIT_MOST;
-    if (textured && size < LIT_LEAST) size = LIT_LEAST;
+    size = map_size > LIT_SIZE_MAX / LIT_SCALE ? LIT_SIZE_MAX : map_size * LIT_SCALE;
+    if (!textured) size = map_size < LIT_SIZE_MAX ? map_size : LIT_SIZE_MAX;
+    if (textured && size < LIT_SIZE_MIN) size = LIT_SIZE_MIN;
     while (size > 64 && LIT_BYTES * size * size > bytes) size /= 2;
     return size;
 }
 
-/* ---- what a screen shows ---- */
+/* ---- display colours ---- */
 
-/* PBR Neutral, as shaders_embedded/tone.glsl has it. */
+/* The tone curve PBR Neutral, as in shaders_embedded/tone.glsl. */
 static inline void lit_tone(double c[3]) {
     const double toe = 0.08, knee = 0.76, fade = 0.15, room = 1 - knee;
     double least = 1e8, peak = 0, shown, share;
@@ -86,14 +86,14 @@ static int lit__compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Meters the light of a map. light: R; 0 where there is no surface. Returns 0 if memory runs out. */
+/* Collects the luminances of a map. Returns 0 if memory runs out. light: R, 0 where there is no surface */
 static inline int lit_meter(lit_scene *l, const image *light) {
     const size_t all = (size_t)light->width * (size_t)light->height, step = all / LIT_METERED + 1;
-    double *logs = (double *)realloc(l->logs, (l->log_count + all / step + 1) * sizeof *logs);
+    double *logs = (double *)realloc(l->log_luminances, (l->log_count + all / step + 1) * sizeof *logs);
     size_t i;
     int k;
     if (!logs) return 0;
-    l->logs = logs;
+    l->log_luminances = logs;
     for (i = 0; i < all; i += step) {
         const float *v = light->values + 3 * i;
         const double luminance = 0.2126 * (double)v[0] + 0.7152 * (double)v[1] + 0.0722 * (double)v[2];
@@ -104,11 +104,11 @@ static inline int lit_meter(lit_scene *l, const image *light) {
     return 1;
 }
 
-/* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the
-   darkest and the brightest 5 % of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure.
-   Texels below a twentieth of the mean do not count: many are hidden. */
+/* Computes the mean of R and returns the exposure in stops. This is the first rule of sbl_picture_desc.auto_exposure:
+   the mean logarithm of the luminance, without the darkest and the brightest 5 % of the texels, becomes that of 0.71.
+   Texels below a twentieth of the mean are ignored, because many of them are hidden. */
 static inline double lit_stops(lit_scene *l) {
-    double *logs = l->logs, sum = 0, stops = 0, mean;
+    double *logs = l->log_luminances, sum = 0, stops = 0, mean;
     size_t i, count = l->log_count, dark = 0, cut;
     int k;
     for (k = 0; k < 3 && count; k++) l->mean[k] /= (double)count;
@@ -122,9 +122,9 @@ static inline double lit_stops(lit_scene *l) {
     return stops;
 }
 
-/* ---- colours of surfaces ---- */
+/* ---- surface colours ---- */
 
-static float lit__linear[256];  /* what an sRGB byte means */
+static float lit__linear[256];  /* the linear value of each sRGB byte */
 
 static void lit__fill_table(void) {
     int i;
@@ -134,7 +134,7 @@ static void lit__fill_table(void) {
     }
 }
 
-/* Reads a pixel of a texture as linear rgb and alpha. */
+/* Reads a pixel of a texture as linear RGB and alpha. */
 static void lit__pixel(const sbl_texture *t, int x, int y, double out[4]) {
     const int n = t->channels, has_alpha = n % 2 == 0;
     const size_t at = ((size_t)y * (size_t)t->width + (size_t)x) * (size_t)n;
@@ -154,7 +154,7 @@ static int lit__wrapped(int at, int size, sbl_wrap wrap) {
     return (at % size + size) % size;
 }
 
-/* Reads a texture bilinearly. */
+/* Reads a texture with bilinear filtering. */
 static void lit__sample(const sbl_texture *t, const double uv[2], double out[4]) {
     const int size[2] = { t->width, t->height };
     double share[2], pixel[4];
@@ -174,7 +174,7 @@ static void lit__sample(const sbl_texture *t, const double uv[2], double out[4])
     }
 }
 
-/* Reads the light of the map bilinearly. x, y: texels of the map, from its upper left corner */
+/* Reads the light of the map with bilinear filtering. x, y: in texels, from the upper left corner of the map */
 static void lit__light(const image *atlas, double x, double y, double out[3]) {
     const double at[2] = { x - 0.5, y - 0.5 };
     const int from[2] = { (int)floor(at[0]), (int)floor(at[1]) };
@@ -190,20 +190,20 @@ static void lit__light(const image *atlas, double x, double y, double out[3]) {
     }
 }
 
-/* ---- triangles into texels ---- */
+/* ---- drawing triangles into the texture ---- */
 
-/* A triangle in the texture. */
+/* A triangle in the coordinates of the texture. */
 typedef struct lit_triangle {
     const sbl_mesh *mesh;
     const sbl_material *material;
     uint32_t corners[3];
-    double at[3][2];        /* in texels of the texture */
-    double area;            /* twice the area, with a sign */
-    int samples;            /* across a texel */
+    double at[3][2];        /* the corners, in texels */
+    double area;            /* twice the signed area */
+    int samples;            /* number of samples along each side of a texel */
 } lit_triangle;
 
-/* Computes the barycentric coordinates of a point. inside: 1: negative ones become 0, so that a point outside gets
-   those of a point on the edge near it */
+/* Computes the barycentric coordinates of a point. inside: if 1, negative coordinates become 0, which moves a point
+   outside the triangle to its edge */
 static void lit__shares(const lit_triangle *t, double x, double y, int inside, double out[3]) {
     double sum = 0;
     int i;
@@ -216,7 +216,7 @@ static void lit__shares(const lit_triangle *t, double x, double y, int inside, d
     for (i = 0; i < 3; i++) out[i] /= sum;
 }
 
-/* Computes how far a point is from the triangle, in texels; 0 inside. */
+/* Returns the distance from a point to the triangle in texels; 0 inside. */
 static double lit__distance(const lit_triangle *t, double x, double y) {
     double shares[3], least = 1e30;
     int i;
@@ -233,7 +233,7 @@ static double lit__distance(const lit_triangle *t, double x, double y) {
     return least;
 }
 
-/* Interpolates n numbers of the vertices. */
+/* Interpolates n floats per vertex. */
 static void lit__mix(const lit_triangle *t, const void *data, int n, const double shares[3], double *out) {
     int i, k;
     for (k = 0; k < n; k++) out[k] = 0;
@@ -242,10 +242,10 @@ static void lit__mix(const lit_triangle *t, const void *data, int n, const doubl
             out[k] += shares[i] * (double)((const float *)data)[(size_t)n * t->corners[i] + (size_t)k];
 }
 
-/* Adds what a sample of a surface shows to a sum of rgb and alpha. */
+/* Adds one sample of the surface to a sum of RGB and alpha: colour times light plus emission. */
 static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double y, double sum[4]) {
     const sbl_material *m = t->material;
-    const image *atlas = &l->atlases[l->map];
+    const image *atlas = &l->atlases[l->map_index];
     const double scale = (double)atlas->width / l->size;
     double shares[3], uv[2] = { 0, 0 }, color[4] = { 1, 1, 1, 1 }, tint[4], glow[4] = { 1, 1, 1, 1 }, R[3];
     int k;
@@ -263,7 +263,7 @@ static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double
     sum[3] += color[3] * (1 - 0.9 * (double)m->transmission);
 }
 
-/* Computes the texel in column x and row y. */
+/* Computes the texel in column x and row y, or its luminance if l->metered is set. out: receives rgba */
 static void lit__texel(const lit_scene *l, const lit_triangle *t, int x, int y, unsigned char *out) {
     const int n = t->samples;
     double sum[4] = { 0, 0, 0, 0 };
@@ -281,10 +281,11 @@ static void lit__texel(const lit_scene *l, const lit_triangle *t, int x, int y, 
     out[3] = to_byte(sum[3] / (n * n));
 }
 
-/* Returns how many samples across a texel tell the texels of a texture apart. */
+/* Returns how many samples along each side of a texel resolve the texels of the surface's texture. */
 static int lit__samples(const lit_scene *l, const lit_triangle *t) {
     const int number = t->material->albedo_texture ? t->material->albedo_texture : t->material->emission_texture;
-    double least = (double)l->atlases[l->map].width / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
+    const double texels = (double)l->atlases[l->map_index].width;
+    double least = texels / l->size, across[2] = { 0, 0 }, base[3], moved[3], a[2], b[2];
     int i, samples;
     for (i = 0; i < 2 && number && t->mesh->texcoords.data; i++) {
         const sbl_texture *texture = &l->scene->textures[number - 1];
@@ -299,7 +300,7 @@ static int lit__samples(const lit_scene *l, const lit_triangle *t) {
     return samples < 1 ? 1 : samples;
 }
 
-/* Draws a triangle, and a margin of 1.5 texels where no other triangle is nearer. */
+/* Draws a triangle and a margin of 1.5 texels. A texel of the margin belongs to the nearest triangle. */
 static void lit__draw(lit_scene *l, lit_triangle *t) {
     int low[2], high[2], i, k, x, y;
     for (k = 0; k < 2; k++) {
@@ -344,11 +345,11 @@ static void lit__draw_mesh(lit_scene *l, const sbl_mesh *m) {
     }
 }
 
-/* ---- exposure of highlights ---- */
+/* ---- exposure of bright areas ---- */
 
-/* Returns by how many stops the exposure is too high, at most 1.5: the second rule of sbl_picture_desc.auto_exposure
-   says that the geometric mean of the brightest 5 % of what is shown must not be above 2.8. shown: luminances of all
-   texels before exposure, 0 where nothing is. stops: the exposure */
+/* Returns by how many stops the exposure is too high, at most 1.5. This is the second rule of
+   sbl_picture_desc.auto_exposure: the geometric mean of the brightest 5 % must not exceed 2.8. shown: luminances of all
+   texels before exposure, 0 where there is no surface. stops: the exposure */
 static double lit__excess(const float *shown, size_t count, double stops) {
     size_t i, known = 0, top;
     double *logs = (double *)malloc((count + 1) * sizeof *logs), sum = 0, excess;
@@ -362,15 +363,16 @@ static double lit__excess(const float *shown, size_t count, double stops) {
     return excess < 0 ? 0 : excess > 1.5 ? 1.5 : excess;
 }
 
-/* Draws the meshes of a map. */
+/* Draws the meshes that use a map. */
 static void lit__draw_map(lit_scene *l, int map) {
     int i;
-    l->map = map;
+    l->map_index = map;
     for (i = 0; i < l->scene->mesh_count; i++)
         if (l->maps[i] == map) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
 
-/* Lowers the exposure if much would be too bright, as measured in small textures. Returns 0 if memory runs out. */
+/* Lowers the exposure if too much would be too bright, which is measured in small textures. Returns 0 if memory runs
+   out. */
 static inline int lit_spare(lit_scene *l) {
     lit_scene small = *l;
     size_t count, all;
@@ -396,9 +398,10 @@ static inline int lit_spare(lit_scene *l) {
     return ok;
 }
 
-/* ---- texels that no triangle covers ---- */
+/* ---- filling texels outside of triangles ---- */
 
-/* Computes a texel of a smaller level from those of four of the larger one that are known. Returns whether any is. */
+/* Averages the known texels among four of a larger level into one of the next smaller level. Returns 1 if any was
+   known. */
 static unsigned char lit__shrink(const unsigned char *texels, const unsigned char *rank, int size, int x, int y,
                                  unsigned char *out) {
     int sum[4] = { 0, 0, 0, 0 }, known = 0, i, k;
@@ -413,8 +416,8 @@ static unsigned char lit__shrink(const unsigned char *texels, const unsigned cha
     return known > 0;
 }
 
-/* Fills unknown texels from the smaller levels of a pyramid, so that mip maps of viewers mix charts with colours like
-   their own. texels, rank: those of the level; the next one follows them */
+/* Fills unknown texels from the smaller levels of a pyramid, so that the mip maps of a viewer mix charts with similar
+   colours only. texels, rank: of this level; those of the next smaller level follow in memory */
 static void lit__fill(unsigned char *texels, unsigned char *rank, int size) {
     const int half = (size + 1) / 2;
     const size_t count = (size_t)size * (size_t)size;
@@ -471,7 +474,7 @@ static inline void lit_free(lit_scene *l) {
     free(l->pngs);
     free(l->png_sizes);
     free(l->slots);
-    free(l->logs);
+    free(l->log_luminances);
     memset(l, 0, sizeof *l);
 }
 
@@ -479,19 +482,19 @@ static inline void lit_free(lit_scene *l) {
 
 enum { LIT_POSITIONS, LIT_TEXCOORDS, LIT_INDICES, LIT_ARRAYS };
 
-/* Returns whether a mesh is written. */
+/* Returns 1 if a mesh has triangles to write. */
 static int lit__is_shown(const sbl_mesh *m) {
     return m->positions.data && m->indices.data && m->vertex_count > 0 && m->index_count >= 3;
 }
 
-/* Returns the number of bytes of an array of a mesh, 0 if it is absent. */
+/* Returns the size in bytes of an array of a mesh; 0 if the mesh lacks it. */
 static size_t lit__bytes(const sbl_mesh *m, int array) {
     if (array == LIT_POSITIONS) return 12 * (size_t)m->vertex_count;
     if (array == LIT_INDICES) return 4 * (size_t)(m->index_count - m->index_count % 3);
     return m->lightmap_texcoords.data ? 8 * (size_t)m->vertex_count : 0;
 }
 
-/* Returns the place of the material of mesh number i in l->slots. */
+/* Returns the index into l->slots for the material of the mesh with the index i. */
 static int lit__slot(const lit_scene *l, int i) {
     const int map = l->maps[i] < 0 ? l->map_count : l->maps[i];
     return l->scene->meshes[i].material + map * l->scene->material_count;
@@ -499,7 +502,7 @@ static int lit__slot(const lit_scene *l, int i) {
 
 static int lit__slot_count(const lit_scene *l) { return (l->map_count + 1) * l->scene->material_count; }
 
-/* Numbers the materials in the order of their first use. Returns 0 if memory runs out. */
+/* Assigns indices to the materials in the order of their first use. Returns 0 if memory runs out. */
 static int lit__find_slots(lit_scene *l) {
     const int count = lit__slot_count(l);
     int i, used = 0;
@@ -521,7 +524,7 @@ static int lit__array_count(const lit_scene *l) {
     return count;
 }
 
-/* Computes the position of a vertex in the world. */
+/* Computes the world position of a vertex. */
 static void lit__position(const sbl_mesh *m, int vertex, float out[3]) {
     const float *p = (const float *)m->positions.data + 3 * (size_t)vertex, *t = m->transform;
     int k, moved = 0;
@@ -565,7 +568,8 @@ static void lit__put_bounds(FILE *out, const sbl_mesh *m) {
             (double)low[2], (double)high[0], (double)high[1], (double)high[2]);
 }
 
-/* Writes the accessors, or the buffer views of all arrays and textures. Returns the number of bytes of the views. */
+/* Writes the accessors, or (views: 1) the buffer views of all arrays and textures. Returns the size of the views in
+   bytes. */
 static double lit__put_arrays(FILE *out, const lit_scene *l, int views) {
     static const struct { const char *type; int component, target, bytes; } kinds[LIT_ARRAYS] = {
         { "VEC3", 5126, 34962, 12 }, { "VEC2", 5126, 34962, 8 }, { "SCALAR", 5125, 34963, 4 }
@@ -599,7 +603,7 @@ static double lit__put_arrays(FILE *out, const lit_scene *l, int views) {
     return at;
 }
 
-/* Writes the material of a slot. */
+/* Writes the material of a slot of l->slots. */
 static void lit__put_material(FILE *out, const lit_scene *l, int slot) {
     const sbl_material *m = &l->scene->materials[slot % l->scene->material_count];
     const int map = slot / l->scene->material_count, mapped = map < l->map_count;
@@ -617,7 +621,7 @@ static void lit__put_material(FILE *out, const lit_scene *l, int slot) {
     fputc('}', out);
 }
 
-/* Writes the materials that meshes use. */
+/* Writes the materials that meshes use, in the order of their indices. */
 static void lit__put_materials(FILE *out, const lit_scene *l) {
     const int count = lit__slot_count(l);
     int number, i, found = 1;
@@ -657,7 +661,7 @@ static void lit__put_nodes(FILE *out, const lit_scene *l) {
     fprintf(out, "]}]");
 }
 
-/* Writes the JSON. Returns the number of bytes of the arrays and textures. */
+/* Writes the JSON of the .glb. Returns the size of the arrays and textures in bytes. */
 static double lit__put_json(FILE *out, const lit_scene *l) {
     const int arrays = lit__array_count(l);
     double bytes;
@@ -685,7 +689,7 @@ static double lit__put_json(FILE *out, const lit_scene *l) {
     return bytes;
 }
 
-/* Makes the texture of a map. Returns 0 if memory runs out. */
+/* Draws and compresses the texture of one map. Returns 0 if memory runs out. */
 static int lit__make_texture(lit_scene *l, int map, size_t levels) {
     FILE *out;
     int ok;
@@ -700,7 +704,8 @@ static int lit__make_texture(lit_scene *l, int map, size_t levels) {
     return fclose(out) == 0 && ok;
 }
 
-/* Makes the textures, unless *l->cancel is not 0. Returns 0 if memory runs out. */
+/* Draws and compresses the textures of all maps, or stops early if *l->cancel is not 0. Returns 0 if memory runs
+   out. */
 static inline int lit_make(lit_scene *l) {
     const size_t count = (size_t)l->size * (size_t)l->size, levels = count + count / 3 + 4 * (size_t)l->size + 64;
     int map, ok = lit__find_slots(l);
@@ -716,7 +721,7 @@ static inline int lit_make(lit_scene *l) {
     return ok;
 }
 
-/* Writes the .glb. Returns 0 and sets errno if it fails. */
+/* Writes the .glb, for output_write. Returns 0 and sets errno on failure. */
 static inline int lit_write(FILE *out, const void *what) {
     const lit_scene *l = (const lit_scene *)what;
     char *json = NULL;

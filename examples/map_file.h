@@ -1,4 +1,5 @@
-/* Writes maps of light in formats that engines load. In all of them the top row comes first, except in a .pfm.
+/* Writes lightmaps in formats that engines load. The first row in the file is the top row, except in a .pfm, whose
+   first row is the bottom row.
 
        format      file         a texel
        exr         .exr         three 16-bit floats
@@ -8,8 +9,8 @@
        ktx2        .ktx2        four 16-bit floats (VK_FORMAT_R16G16B16A16_SFLOAT), alpha 1, not compressed
        pfm         .pfm         three 32-bit floats
 
-   A file contains finite numbers only: values beyond the range of a format become the nearest that it holds, and what
-   is not a number becomes 0. map_survey counts such values before. Include after picture_file.h, gltf_file.h and
+   A file contains finite numbers only: a value beyond the range of the format becomes the nearest value in the range,
+   and NaN becomes 0. map_survey_of counts such values beforehand. Include after picture_file.h, gltf_file.h and
    ktx2_file.h.
 
        map_survey_of(&survey, &picture);
@@ -21,10 +22,10 @@ typedef enum map_format { MAP_RGBM, MAP_HDR, MAP_KTX2, MAP_EXR, MAP_PFM, MAP_FOR
 
 static const char *const map_endings[MAP_FORMATS] = { ".rgbm.png", ".hdr", ".ktx2", ".exr", ".pfm" };
 
-/* Which formats are written. exact: 1: those of .exr are 32-bit floats */
+/* The formats to write. exact: 1 if a .exr has 32-bit floats */
 typedef struct map_formats { int wanted[MAP_FORMATS], exact; } map_formats;
 
-/* Reads a list such as "exr,ktx2". Returns NULL, or a message for the user, which is valid until the next call. */
+/* Reads a list such as "exr,ktx2". Returns NULL, or a message for the user that is valid until the next call. */
 static inline const char *map_formats_read(map_formats *out, const char *list) {
     static const struct { const char *name; map_format format; int exact; } known[] = {
         { "exr", MAP_EXR, 0 }, { "exr32", MAP_EXR, 1 }, { "hdr", MAP_HDR, 0 }, { "rgbm", MAP_RGBM, 0 },
@@ -50,16 +51,16 @@ static inline const char *map_formats_read(map_formats *out, const char *list) {
 
 static inline int map_holds_negative(map_format format) { return format != MAP_HDR && format != MAP_RGBM; }
 
-/* ---- ranges ---- */
+/* ---- ranges of values ---- */
 
-#define MAP_HALF_MOST 65504.0f    /* largest 16-bit float */
-#define MAP_HALF_LEAST 6.1035e-5f /* smallest one with full precision */
-#define MAP_RGBE_MOST 1e38f
-#define MAP_FLOAT_MOST 3.4e38f
+#define MAP_HALF_MAX 65504.0f    /* largest finite 16-bit float */
+#define MAP_HALF_MIN 6.1035e-5f /* smallest 16-bit float with full precision */
+#define MAP_RGBE_MAX 1e38f
+#define MAP_FLOAT_MAX 3.4e38f
 
-/* What the values of a map need. */
+/* Statistics of the values of a map. */
 typedef struct map_survey {
-    size_t strange, above_half;   /* number of values that are not finite; of finite ones above MAP_HALF_MOST */
+    size_t strange, above_half;   /* numbers of values: not finite; finite, but beyond MAP_HALF_MAX */
     float most;                   /* largest finite value */
 } map_survey;
 
@@ -69,31 +70,32 @@ static inline void map_survey_of(map_survey *s, const image *map) {
     for (i = 0; i < count; i++) {
         const float v = map->values[i];
         if (!isfinite(v)) { s->strange++; continue; }
-        s->above_half += v > MAP_HALF_MOST || v < -MAP_HALF_MOST;
+        s->above_half += v > MAP_HALF_MAX || v < -MAP_HALF_MAX;
         if (v > s->most) s->most = v;
     }
 }
 
-/* Returns the range of rgbm for a map: the smallest power of two whose square is at least the largest value. */
+/* Returns the range of rgbm for a map whose largest value is `most`: the smallest power of two whose square is not
+   below it. */
 static inline double map_rgbm_range(float most) {
     double range = 1.0 / (1 << 20);
     while (range * range < (double)most) range *= 2;
     return range;
 }
 
-/* Returns the value that a format stores: finite, and within most. */
+/* Returns the value that a format with the range from least to most stores instead of v. NaN becomes 0. */
 static inline float map__fit(float v, float least, float most) {
     return v >= most ? most : v <= least ? least : isnan(v) ? 0.0f : v;
 }
 
 /* ---- writing ---- */
 
-/* A map and how it is written. exact: see map_formats; range: of rgbm */
+/* A map and the way to write it. exact: as in map_formats; range: for rgbm only */
 typedef struct map_source { const image *map; map_format format; int exact; double range; } map_source;
 
-enum { MAP_BAND = 64 };  /* rows that are converted at a time */
+enum { MAP_BAND = 64 };  /* number of rows that are converted at a time */
 
-/* Copies rows of a map, fitted to a range. */
+/* Copies rows of a map, with values clamped to a range. */
 static void map__copy(float *to, const image *map, int first, int rows, float least, float most) {
     const size_t row = (size_t)map->width * (size_t)map->components;
     const float *from = map->values + (size_t)first * row;
@@ -101,11 +103,11 @@ static void map__copy(float *to, const image *map, int first, int rows, float le
     for (i = 0; i < row * (size_t)rows; i++) to[i] = map__fit(from[i], least, most);
 }
 
-/* Writes a .exr or .pfm, band by band; a .pfm begins with the last band. */
+/* Writes a .exr or .pfm in bands of rows. A .pfm begins with the last band. Returns 0 on failure. */
 static int map__write_floats(FILE *out, const map_source *s) {
     const image *map = s->map;
     const int bands = (map->height + MAP_BAND - 1) / MAP_BAND, is_half = s->format == MAP_EXR && !s->exact;
-    const float most = is_half ? MAP_HALF_MOST : MAP_FLOAT_MOST;
+    const float most = is_half ? MAP_HALF_MAX : MAP_FLOAT_MAX;
     float *band = (float *)malloc((size_t)map->width * MAP_BAND * (size_t)map->components * sizeof *band);
     image frame = *map;
     picture_writer w;
@@ -123,7 +125,8 @@ static int map__write_floats(FILE *out, const map_source *s) {
     return picture_end(&w, ok);
 }
 
-/* stb_image_write truncates mantissas to eight bits. Adds half a step to each component, so that they are rounded. */
+/* stb_image_write truncates mantissas to eight bits. This adds half a step to each component, so that truncation
+   rounds. */
 static void map__round_rgbe(float *v) {
     const float most = v[0] > v[1] ? v[0] > v[2] ? v[0] : v[2] : v[1] > v[2] ? v[1] : v[2];
     int exponent, k;
@@ -141,7 +144,7 @@ static int map__write_hdr(FILE *out, const map_source *s) {
     size_t i;
     int ok;
     if (!values) return 0;
-    map__copy(values, map, 0, map->height, 0, MAP_RGBE_MOST);
+    map__copy(values, map, 0, map->height, 0, MAP_RGBE_MAX);
     for (i = 0; i < texels; i++) map__round_rgbe(values + 3 * i);
     ok = stbi_write_hdr_to_func(gltf__put_bytes, out, map->width, map->height, 3, values);
     free(values);
@@ -153,7 +156,7 @@ static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
     double root[3], most = 0, m;
     int k;
     for (k = 0; k < 3; k++) {
-        root[k] = sqrt((double)map__fit(v[k], 0, MAP_FLOAT_MOST)) / range;
+        root[k] = sqrt((double)map__fit(v[k], 0, MAP_FLOAT_MAX)) / range;
         if (root[k] > most) most = root[k];
     }
     m = ceil(most * 255);
@@ -163,11 +166,11 @@ static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
     out[3] = (unsigned char)m;
 }
 
-/* Converts row y of a picture to bytes, channel by channel. what: the value given to map_write_bytes */
+/* Converts row y of a picture to bytes, all channels of a pixel together. what: the value passed to map_write_bytes */
 typedef void (*map_row)(unsigned char *to, const void *what, int y);
 
-/* Writes a .png whose bytes are those of row_of: no colour space is applied or named. channels: 1 (grey) or 4 (rgba).
-   texts: text_count facts that the file also holds, each with a key. Returns whether that succeeded. */
+/* Writes a .png from the bytes that row_of makes; no colour space is applied or recorded. Returns 1 on success.
+   channels: 1 (grey) or 4 (rgba). texts: text_count texts that the file also stores, each with a key */
 static int map_write_bytes(FILE *out, const image *size, int channels, map_row row_of, const void *what,
                            const png_text *texts, int text_count) {
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
@@ -193,7 +196,7 @@ static int map_write_bytes(FILE *out, const image *size, int channels, map_row r
     return ok;
 }
 
-/* Converts shares from 0 to 1 to bytes. what: an image */
+/* Converts values from 0 to 1 to bytes. what: an image */
 static inline void map_row_of_shares(unsigned char *to, const void *what, int y) {
     const image *map = (const image *)what;
     const size_t count = (size_t)map->width * (size_t)map->components;
@@ -227,7 +230,8 @@ static int map__write_ktx2(FILE *out, const map_source *s) {
     return ktx2_write(out, &picture);
 }
 
-/* Writes a map of three components. Returns 0 on failures other than those of the stream. */
+/* Writes a map of three components. Returns 0 on failure. Some formats do not report errors of the stream here, so the
+   caller must also check ferror(out). */
 static inline int map_write(FILE *out, const map_source *s) {
     switch (s->format) {
         case MAP_HDR: return map__write_hdr(out, s);

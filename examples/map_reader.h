@@ -1,24 +1,23 @@
-/* Reads the maps of map_file.h as an engine does: .pfm, .exr (16-bit or 32-bit floats), .ktx2, .hdr and .rgbm.png. In
-   the result the top row comes first. Include after picture_file.h,
-   scene_file.h and tool_scene.h.
+/* Reads the maps that map_file.h writes: .pfm, .exr (16-bit or 32-bit floats), .ktx2, .hdr and .rgbm.png. The first row
+   of the result is the top row. Include after picture_file.h, scene_file.h and tool_scene.h.
 
        image light = { 0 };
        ok = map_read("baked/atlas.ktx2", &light);  // the caller frees light.values */
 #ifndef MAP_READER_H
 #define MAP_READER_H
 
-enum { MAP_READ_MOST = 16384 };  /* greatest width and height */
+enum { MAP_READ_MAX = 16384 };  /* greatest width and height in pixels */
 
-/* Gives a picture room for values of three components. Returns whether its size is possible. */
+/* Allocates values of three components for a picture. Returns 0 if its size is not allowed or memory runs out. */
 static int map__room(image *picture) {
     const int w = picture->width, h = picture->height;
-    if (w < 1 || h < 1 || w > MAP_READ_MOST || h > MAP_READ_MOST) return 0;
+    if (w < 1 || h < 1 || w > MAP_READ_MAX || h > MAP_READ_MAX) return 0;
     picture->components = 3;
     picture->values = (float *)malloc((size_t)w * (size_t)h * 3 * sizeof(float));
     return picture->values != NULL;
 }
 
-/* Reads a .pfm of picture_file.h, whose first row is the lowest. */
+/* Reads a .pfm as picture_file.h writes it, with the bottom row first. */
 static int map__read_pfm(FILE *in, image *picture) {
     char line[4] = "";
     double scale = 0;
@@ -32,7 +31,7 @@ static int map__read_pfm(FILE *in, image *picture) {
     return ok;
 }
 
-/* Returns the number that a 16-bit float means. */
+/* Returns the value of a 16-bit float; NaN for infinities. */
 static float map__of_half(unsigned half) {
     const int exponent = (int)(half >> 10 & 31), digits = (int)(half & 1023);
     const double v = exponent == 31 ? NAN : exponent ? ldexp(1024 + digits, exponent - 25) : ldexp(digits, -24);
@@ -43,7 +42,7 @@ static uint32_t map__word(const unsigned char *p) {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-/* Reads a .ktx2 with one level of VK_FORMAT_R16G16B16A16_SFLOAT that is not compressed. */
+/* Reads a .ktx2 with one uncompressed level in VK_FORMAT_R16G16B16A16_SFLOAT. */
 static int map__read_ktx2(FILE *in, image *picture) {
     unsigned char head[104], texel[8];
     size_t i, texels;
@@ -61,7 +60,7 @@ static int map__read_ktx2(FILE *in, image *picture) {
     return ok;
 }
 
-/* Reads a whole file. Returns NULL if that fails; the caller frees the bytes. */
+/* Reads all bytes of a file, which the caller frees. Returns NULL on failure. */
 static unsigned char *map__bytes(FILE *in, int *size) {
     const long long end = fseek(in, 0, SEEK_END) == 0 ? ftell(in) : -1;
     unsigned char *bytes = end > 0 && end <= INT_MAX ? (unsigned char *)malloc((size_t)end) : NULL;
@@ -82,7 +81,7 @@ static int map__read_hdr(FILE *in, image *picture) {
     return ok;
 }
 
-/* Reads the range of rgbm from the texts of a .png. Returns 0 if there is none. */
+/* Reads the range of rgbm from the text chunks of a .png. Returns 0 if they contain none. */
 static double map__rgbm_range(FILE *in) {
     static const char key[] = "sbl.range";
     unsigned char head[8], text[64];
@@ -118,7 +117,8 @@ static int map__read_rgbm(FILE *in, image *picture) {
 }
 
 #ifdef SBL_RENDER_OPENEXR
-/* Decodes the rows of an .exr with the channels R, G and B. */
+/* Decodes the pixels of an .exr with the channels R, G and B. Returns 0 on failure. top: first row of the data
+   window */
 static int map__decode_exr(exr_context_t exr, image *picture, int top) {
     exr_decode_pipeline_t decoder;
     exr_chunk_info_t chunk;
@@ -149,7 +149,7 @@ static int map__decode_exr(exr_context_t exr, image *picture, int top) {
     return result == EXR_ERR_SUCCESS;
 }
 
-/* Returns whether an .exr has one part in rows, with the channels R, G and B and no others. */
+/* Returns 1 if an .exr has a single part of scanlines with exactly the channels R, G and B. */
 static int map__is_rgb(exr_context_t exr) {
     const image rgb = { 1, 1, 3, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     const exr_attr_chlist_t *list = NULL;
@@ -184,7 +184,8 @@ static int map__read_exr(const char *path, image *picture) {
 static int map__read_exr(const char *path, image *picture) { (void)path; (void)picture; return 0; }
 #endif
 
-/* Reads a map; the ending of its name selects the format. Returns 0 if it is not a whole map of finite numbers. */
+/* Reads a map; the ending of the file name selects the format. Returns 0 if the file cannot be read completely or holds
+   a value that is not finite. */
 static inline int map_read(const char *path, image *picture) {
     FILE *in = input_open(path);
     size_t i;
@@ -200,8 +201,9 @@ static inline int map_read(const char *path, image *picture) {
     return ok;
 }
 
-/* Finds the newest map with a name such as "baked/atlas", in the formats that map_read reads; of several with the same
-   time, the most precise one. path: receives its name, or that of the .exr if there is none */
+/* Finds the newest of the maps name.pfm, name.exr, name.ktx2, name.hdr and name.rgbm.png, for a name such as
+   "baked/atlas". Among files of the same time it prefers the earlier in this list. path: receives the path, or name.exr
+   if no file exists */
 static inline void map_find(char *path, size_t size, const char *name) {
     static const char *const endings[] = { ".pfm", ".exr", ".ktx2", ".hdr", ".rgbm.png" };
     char other[PATH_MAX];

@@ -1,13 +1,13 @@
-/* Demonstrates the shortest useful program: renders a few triangles and a lamp to minimal.png. The first argument is
+/* Demonstrates the shortest useful program. It renders a few triangles and a lamp to minimal.png. The first argument is
    the folder for the picture. */
 #define SBL_IMPLEMENTATION
-#include "headless.h"  /* includes sbl.h; creates a GL context without a window */
+#include "headless.h"  /* includes sbl.h and creates a GL context without a window */
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
 enum { WIDTH = 480, HEIGHT = 360 };
 
-static const float room[] = {      /* triangles: floor, back wall */
+static const float room[] = {      /* triangles of the floor and the back wall */
     -5, 0, 4,   5, 0, 4,   5, 0, -2,      -5, 0, 4,   5, 0, -2,   -5, 0, -2,
     -5, 0, -2,  5, 0, -2,  5, 3, -2,      -5, 0, -2,  5, 3, -2,   -5, 3, -2 };
 static const float pyramid[] = {
@@ -27,13 +27,13 @@ int main(int argc, char **argv) {
         { .positions = { .data = lamp }, .vertex_count = 6, .material = 2 } };
     const sbl_scene_desc scene = {
         .meshes = meshes, .mesh_count = 3, .materials = materials, .material_count = 3, .sky = { 0.04f, 0.06f, 0.1f } };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT };  /* all else: defaults */
+    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT };  /* all other fields keep their defaults */
     sbl_context *context;
     char path[1024];
     int ok;
     sbl_look_at(view.world_to_view, 0.5f, 1.5f, 6, 0, 0.9f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
-    if (sbl_create(headless("minimal"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
+    if (sbl_create(headless("minimal"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints error messages to stderr */
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
     sbl_destroy(context);

@@ -1,16 +1,17 @@
-/* Writes files completely or not at all: data goes to a temporary file in the same folder, which is renamed to the
-   target at the end, when the disk has it. Needs POSIX; include with _DEFAULT_SOURCE defined before the first header.
+/* Writes files completely or not at all: data goes to a temporary file in the folder of the target. At the end the file
+   is flushed to disk and renamed to the target. Needs POSIX; include with _DEFAULT_SOURCE defined before the first
+   header.
 
        output_file out;
        FILE *stream;
        output_find(&out, "room.png");
        stream = output_open(&out);
-       if (stream) { whole = write(..., stream); ok = output_close(&out, stream, whole, NULL); }
+       if (stream) { complete = write(..., stream); ok = output_close(&out, stream, complete, NULL); }
        output_free(&out);
 
-   The new file gets the permissions of the file that it replaces, and its owner and group as far as the system allows.
-   Symbolic links are followed and kept. Hard links are not kept: other names keep the old file, because a file that is
-   written in place would be incomplete for a while. Devices, pipes and /dev/stdout are written in place.
+   The new file gets the permissions of the file that it replaces, and the same owner and group as far as the system
+   allows. If the target is a symbolic link, the file behind it is replaced and the link stays. If the old file has
+   further hard links, they keep the old content. Devices, pipes and /dev/stdout are written in place.
 
    Functions that fail set errno. Only one file can be open at a time. output_abandon removes the temporary file; signal
    handlers may call it. */
@@ -29,18 +30,18 @@
 #include <unistd.h>
 
 typedef struct output_file {
-    const char *name; /* as the caller gave it */
-    char *path;       /* the file behind the name: absolute, without links; NULL if there is no such folder */
-    int error;        /* errno if path is NULL */
-    int in_place;     /* 1: a device or pipe, written in place */
-    int keep;         /* 1: if the file exists when the new one is complete, the old one is kept, and that is success */
-    char *temporary;  /* name of the temporary file while it is open */
+    const char *name;  /* as the caller gave it */
+    char *path;        /* the target: absolute, with all links resolved; NULL if its folder does not exist */
+    int error;         /* errno if path is NULL */
+    int in_place;      /* 1: the target is a device or a pipe, and is written in place */
+    int keep_existing; /* 1: a target that exists at the end is left alone, which counts as success */
+    char *temporary;   /* path of the temporary file while it is open */
 } output_file;
 
-/* ---- from a name to a file ---- */
+/* ---- resolving names ---- */
 
-/* Returns folder/name, which the caller frees. length: number of characters of folder that count. NULL if memory runs
-   out. */
+/* Returns the path folder/name, which the caller frees, or NULL if memory runs out. length: number of characters of
+   folder to use */
 static char *output__join(const char *folder, size_t length, const char *name) {
     char *path = (char *)malloc(length + strlen(name) + 2);
     if (!path) {
@@ -53,26 +54,27 @@ static char *output__join(const char *folder, size_t length, const char *name) {
     return path;
 }
 
-/* Returns the path with all links in its folder resolved, or NULL if there is no such folder. Frees path. */
+/* Returns the path with all links in its folder resolved, or NULL if the folder does not exist. Frees path. */
 static char *output__true_folder(char *path) {
-    char *slash = path ? strrchr(path, '/') : NULL, *folder, *whole = NULL;
+    char *slash = path ? strrchr(path, '/') : NULL, *folder, *joined = NULL;
     const char *name = slash ? slash + 1 : path;
-    if (slash == path) return path; /* in the root folder, or NULL */
+    if (slash == path) return path; /* the file is in the root folder, or path is NULL */
     if (slash) *slash = 0;
     folder = realpath(slash ? path : ".", NULL);
-    if (folder) whole = output__join(folder, strlen(folder), name);
+    if (folder) joined = output__join(folder, strlen(folder), name);
     free(folder);
     free(path);
-    return whole;
+    return joined;
 }
 
-/* Returns whether the path is a link in /dev or /proc to an open file of this process, which may have no other name. */
+/* Returns 1 if the path is one of the links in /dev or /proc to the open files of this process. Such a file may have no
+   other name. */
 static int output__is_handle(const char *path) {
     return strncmp(path, "/dev/std", 8) == 0 || strncmp(path, "/dev/fd/", 8) == 0 || strncmp(path, "/proc/", 6) == 0;
 }
 
-/* Resolves all links of a name. The file itself need not exist, which realpath would require. Returns NULL and sets
-   errno on failure. */
+/* Resolves all links of a name. Unlike realpath, this also works if the file itself does not exist. Returns NULL and
+   sets errno on failure. */
 static char *output__follow(const char *name) {
     char link[PATH_MAX], *path = output__true_folder(output__join("", 0, name));
     int links;
@@ -90,7 +92,7 @@ static char *output__follow(const char *name) {
     return NULL;
 }
 
-/* Resolves a name and fills in o. Returns 0 if that fails, for example because there is no such folder. */
+/* Resolves a name and fills in o. Returns 0 on failure, for example if the folder does not exist. */
 static int output_find(output_file *o, const char *name) {
     struct stat info;
     memset(o, 0, sizeof *o);
@@ -108,8 +110,8 @@ static void output_free(output_file *o) {
     o->path = NULL;
 }
 
-/* Returns whether a and b are the same file, or will be when they are written. Character devices such as /dev/null
-   never count as the same file, because they do not keep what is written. */
+/* Returns 1 if a and b are the same file, or will be once they are written. Character devices such as /dev/null never
+   count as the same file, because they store nothing. */
 static inline int output_same(const output_file *a, const output_file *b) {
     struct stat of_a, of_b;
     if (!a->path || !b->path) return 0;
@@ -119,16 +121,16 @@ static inline int output_same(const output_file *a, const output_file *b) {
 
 /* ---- writing ---- */
 
-static char *volatile output__open; /* the temporary file that exists now, or NULL */
+static char *volatile output__open; /* path of the temporary file that exists now, or NULL */
 
-/* Removes the temporary file. Signal handlers call it before they end the program. */
+/* Removes the temporary file, if one exists. Signal handlers call this before they end the program. */
 static inline void output_abandon(void) {
     if (output__open) unlink(output__open);
 }
 
-/* Creates a file with a new, unpredictable name in the folder of path. name: receives its path, which the caller frees.
-   The name does not contain the name of the target, which may have the greatest length already. Returns a handle, or
-   -1. */
+/* Creates a file with a new, unpredictable name in the folder of path. Returns its handle, or -1 and sets errno. The
+   name does not include the name of the target, which may already have the greatest allowed length. name: receives the
+   path of the new file, which the caller frees */
 static int output__create(const char *path, char **name) {
     const int folder = (int)(strrchr(path, '/') - path);
     const size_t size = (size_t)folder + 40;
@@ -147,7 +149,7 @@ static int output__create(const char *path, char **name) {
     for (tries = 0; tries < 100 && handle < 0; tries++) {
         random = (random * 1103515245 + 12345) & 0xffffffff;
         snprintf(*name, size, "%.*s/sbl_render.%08lx.part", folder, path, random);
-        sigprocmask(SIG_SETMASK, &all, &before); /* until output_abandon knows the file */
+        sigprocmask(SIG_SETMASK, &all, &before); /* blocks signals until output_abandon knows the file */
         handle = open(*name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (handle >= 0) output__open = *name;
         sigprocmask(SIG_SETMASK, &before, NULL);
@@ -160,21 +162,22 @@ static int output__create(const char *path, char **name) {
     return handle;
 }
 
-/* Renames the temporary file to the target if whole is 1, otherwise removes it. Returns whether it was renamed. */
-static int output__done(output_file *o, int whole) {
+/* Moves the temporary file to the target if `complete` is 1; otherwise deletes it. With keep_existing, an existing
+   target is left alone, which counts as success. Returns 1 if a complete target exists afterwards. */
+static int output__commit_or_discard(output_file *o, int complete) {
     int error;
-    if (whole && o->keep) whole = link(o->temporary, o->path) == 0 || errno == EEXIST;
-    else if (whole && rename(o->temporary, o->path) != 0) whole = 0;
+    if (complete && o->keep_existing) complete = link(o->temporary, o->path) == 0 || errno == EEXIST;
+    else if (complete && rename(o->temporary, o->path) != 0) complete = 0;
     error = errno;
-    if (!whole || o->keep) unlink(o->temporary);
+    if (!complete || o->keep_existing) unlink(o->temporary);
     output__open = NULL;
     free(o->temporary);
     o->temporary = NULL;
     errno = error;
-    return whole;
+    return complete;
 }
 
-/* Opens a file for writing. Returns NULL and sets errno on failure. */
+/* Opens the temporary file, or a target that is written in place. Returns NULL and sets errno on failure. */
 static FILE *output_open(output_file *o) {
     struct stat old;
     FILE *stream;
@@ -192,35 +195,36 @@ static FILE *output_open(output_file *o) {
     handle = output__create(o->path, &o->temporary);
     if (handle < 0) return NULL;
     if (old.st_mode) {
-        /* If the group cannot be set, group permissions are removed: they would apply to another group. */
+        /* If the group cannot be set, the group permissions are removed, because they would apply to another group. */
         const int grouped = fchown(handle, old.st_uid, old.st_gid) == 0 || fchown(handle, (uid_t)-1, old.st_gid) == 0;
         fchmod(handle, old.st_mode & (grouped ? 0777 : 0707));
     }
     stream = fdopen(handle, "wb");
     if (!stream) {
         close(handle);
-        output__done(o, 0);
+        output__commit_or_discard(o, 0);
     }
     return stream;
 }
 
-/* Closes the file and moves it into place. whole: 0 if the writer failed. Returns 1 if the target is complete. Returns
-   0 if anything failed or *cancel is not 0; the old target is then unchanged, unless it is written in place. */
-static int output_close(output_file *o, FILE *stream, int whole, const volatile sig_atomic_t *cancel) {
-    if (ferror(stream)) whole = 0;
-    if (whole && !o->in_place && (fflush(stream) != 0 || fsync(fileno(stream)) != 0)) whole = 0;
-    if (fclose(stream) != 0) whole = 0;
-    if (o->in_place) return whole;
-    if (whole && cancel && *cancel) {
+/* Closes the file and moves it to the target. Returns 1 if a complete target exists afterwards. Returns 0 if anything
+   failed or *cancel is not 0; the old target is then unchanged, unless it is written in place. complete: 0 if the
+   writer failed */
+static int output_close(output_file *o, FILE *stream, int complete, const volatile sig_atomic_t *cancel) {
+    if (ferror(stream)) complete = 0;
+    if (complete && !o->in_place && (fflush(stream) != 0 || fsync(fileno(stream)) != 0)) complete = 0;
+    if (fclose(stream) != 0) complete = 0;
+    if (o->in_place) return complete;
+    if (complete && cancel && *cancel) {
         errno = EINTR;
-        whole = 0;
+        complete = 0;
     }
-    return output__done(o, whole);
+    return output__commit_or_discard(o, complete);
 }
 
-typedef int (*output_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may set errno */
+typedef int (*output_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may then set errno */
 
-/* Writes a file by calling a writer. Returns as output_close. */
+/* Opens a file, calls a writer and closes the file. Returns the result of output_close. */
 static inline int output_write(output_file *o, output_writer write, const void *what,
                                const volatile sig_atomic_t *cancel) {
     FILE *out = output_open(o);
@@ -231,7 +235,8 @@ static inline int output_write(output_file *o, output_writer write, const void *
     return output_close(o, out, ok, cancel);
 }
 
-/* Returns whether the file can be written, by creating a temporary file. Used before long work. */
+/* Creates and removes a temporary file to test whether the target can be written. Returns 1 if it can. Called before
+   long work. */
 static inline int output_check(output_file *o) {
     FILE *stream;
     if (o->path && o->in_place) return 1; /* opening a pipe would wait for its reader */

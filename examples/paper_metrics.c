@@ -1,13 +1,13 @@
-/* Demonstrates the four measurements of the paper, on the Cornell box in SBL_MODE_PAPER:
+/* Repeats four measurements of the paper with the Cornell box in SBL_MODE_PAPER:
 
-       table_1    time per sensor for several resolutions, with one sensor size
+       table_1    time per sensor at several resolutions, with one sensor size
        figure_10  time per sensor for several sensor sizes, at three resolutions
        figure_11  number of sensors for several sensor sizes, at the same three resolutions
        figure_12  noise: a picture with small sensors beside a picture with large sensors
 
-   Each is written as .csv to the folder in the first argument, figure 12 also as .png. scripts/plot_metrics draws the
-   others. Measurements that do not fit into five minutes are skipped, with a message. --quick measures only small
-   pictures, and skips none. */
+   Each result is written as .csv to the folder in the first argument, and figure 12 also as .png. scripts/plot_metrics
+   draws the other figures. Measurements that would exceed five minutes in total are skipped with a message. --quick
+   measures only small pictures, and skips none. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -18,8 +18,8 @@
 enum { RESOLUTIONS = 3, MOST = 16 };
 
 typedef struct plan {
-    double seconds;                           /* limit for all measurements together; 0: none */
-    int table_size, table_count, table[MOST][2];  /* table 1: sensor size, number of resolutions, resolutions */
+    double seconds;                           /* time limit for all measurements together; 0: no limit */
+    int table_size, table_count, table[MOST][2];  /* table 1: sensor size, number of resolutions, and the resolutions */
     int sizes_count, sizes[MOST];             /* figures 10 and 11 */
     int resolutions[RESOLUTIONS][2];
     int noise_size, noise_resolution, large_size;
@@ -49,8 +49,8 @@ static int out_of_time(float done, void *user) {
 
 enum { FAILED, GIVEN_UP, MEASURED };
 
-/* Renders a picture with the paper's method. If it takes less than a second, renders it up to three times and takes the
-   fastest. */
+/* Renders a picture with the method of the paper. If that takes less than a second, renders up to three times and
+   reports the fastest. */
 static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats *stats) {
     sbl_picture_desc view = { 0 };
     int run;
@@ -69,7 +69,7 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
             return GIVEN_UP;
         }
         if (result == SBL_CANCELLED) break;
-        if (result != SBL_SUCCESS) return FAILED;  /* sbl.h prints errors to stderr */
+        if (result != SBL_SUCCESS) return FAILED;  /* sbl.h prints error messages to stderr */
         if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
     }
     printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size,
@@ -78,7 +78,7 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
     return MEASURED;
 }
 
-/* ---- files ---- */
+/* ---- output files ---- */
 
 static void path_make(const metrics *m, char path[1024], const char *name) {
     snprintf(path, 1024, "%s/%s", m->folder, name);
@@ -144,8 +144,8 @@ static int figures_10_and_11(metrics *m) {
     return ok && outcome != FAILED;
 }
 
-/* Returns the mean difference of R between neighbouring pixels of the same surface, divided by the mean of R. Edges of
-   shadows count as well, but equally for all sensor sizes. */
+/* Returns the mean difference of R between neighbouring pixels of one surface, divided by the mean of R. Shadow edges
+   add to it, but equally for all sensor sizes. */
 static double roughness(const float *radiance, const float *id, int size) {
     double jumps = 0, sum = 0;
     int pairs = 0, x, y;

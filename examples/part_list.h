@@ -1,32 +1,32 @@
-/* The parts of a whole: a list of files, what all of them must have in common, and whether each of the parts K/N is
-   there once. picture_parts.h and bake_parts.h read the files. Include after picture_file.h. */
+/* Manages the list of parts of a picture or bake. It checks that their common facts agree, and that each part K/N is
+   given exactly once. picture_parts.h and bake_parts.h read the files. Include after picture_file.h. */
 #ifndef PART_LIST_H
 #define PART_LIST_H
 
 #include <dirent.h>
 #include <stdarg.h>
 
-enum { PARTS_MOST = 10000 };  /* greatest number of parts */
+enum { PARTS_MAX = 10000 };  /* greatest number of parts */
 
-/* Which facts (picture_fact) a kind of parts contains. The facts before `renderer` must be the same in all parts. */
+/* The facts (picture_fact) that a kind of part has. The facts before `renderer` must be the same in all parts. */
 typedef struct part_kind {
     const char *const *names;
-    const char *const *words;  /* how a message describes a fact that differs; the words follow "it was made" */
-    int renderer;              /* number of the fact GL_RENDERER */
+    const char *const *words;  /* for each fact: words about a difference, after "it was made" */
+    int renderer;              /* index of the fact GL_RENDERER */
 } part_kind;
 
-/* A file. K and N of --part K/N are 0 if the part was chosen by hand. */
+/* A file. K and N of --part K/N are in number and count; they are 0 for a part that the user chose with --window. */
 typedef struct part_file { char *name; int number, count; } part_file;
 
 typedef struct part_list {
     part_file *files;
     int count, room;
-    picture_fact facts[PICTURE_FACTS];   /* those of the first part */
-    int drivers;                         /* 1: some parts were made by different drivers */
-    char error[PICTURE_FACT_SIZE + 512]; /* why a function has failed */
+    picture_fact facts[PICTURE_FACTS];   /* the facts of the first part */
+    int drivers;                         /* 1: different GL drivers made the parts */
+    char error[PICTURE_FACT_SIZE + 512]; /* message of the function that has failed */
 } part_list;
 
-/* Returns what a message shows of a fact. */
+/* Returns the text of a fact for a message. */
 static inline const char *fact_shown(const char *text) { return text[0] ? text : "none"; }
 
 static int parts__fail(part_list *l, const char *format, ...) {
@@ -37,7 +37,7 @@ static int parts__fail(part_list *l, const char *format, ...) {
     return 0;
 }
 
-/* Adds a name to the list. Returns whether there was memory. */
+/* Adds a file name to the list. Returns 0 if memory runs out. */
 static int parts__list(part_list *l, const char *name) {
     if (l->count == l->room) {
         const int room = l->room * 2 + 64;
@@ -60,15 +60,17 @@ static inline void parts__list_free(part_list *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* Takes the number of the last file from "K/N"; any other text is no number. Returns whether K and N can be. */
+/* Sets number and count of the file that was added last from "K/N", or to 0 if the text has another form. Returns 0 if
+   K or N is out of range. */
 static inline int parts__number(part_list *l, const char *text) {
     part_file *file = &l->files[l->count - 1];
     if (sscanf(text, "%d/%d", &file->number, &file->count) != 2) file->number = file->count = 0;
-    if (file->count >= 0 && file->count <= PARTS_MOST && file->number <= file->count) return 1;
+    if (file->count >= 0 && file->count <= PARTS_MAX && file->number <= file->count) return 1;
     return parts__fail(l, "%s: it claims to be part %d of %d", file->name, file->number, file->count);
 }
 
-/* Checks the last file's number of parts and its facts against the first file, whose facts the list takes. */
+/* Compares the facts and the part count of the file that was added last with those of the first file. Returns 0 if they
+   do not fit. The facts of the first file become l->facts. */
 static inline int parts__fit(part_list *l, const part_kind *kind, const picture_fact *facts) {
     const part_file *first = &l->files[0], *file = &l->files[l->count - 1];
     int i;
@@ -83,7 +85,7 @@ static inline int parts__fit(part_list *l, const part_kind *kind, const picture_
                        first->count);
 }
 
-/* Names the first of the parts K/N that is missing or given twice. */
+/* Returns 1 if each part K/N is given once. Otherwise l->error names the first part that is missing or given twice. */
 static inline int parts__check_numbers(part_list *l) {
     const int count = l->files[0].count;
     int i, k, missing = 0, first = 0, ok = 1;
@@ -114,8 +116,8 @@ static inline void parts_folder_free(char **names, int count) {
     free(names);
 }
 
-/* Returns the paths of the files of a folder that have this ending, sorted by name so that messages do not depend on
-   the system; count receives their number, which is not 0. Returns NULL and sets l->error on failure. */
+/* Returns the paths of the files in a folder whose names have this ending. They are sorted by name, so that messages
+   are the same on all systems. count: receives their number, at least 1. Returns NULL and sets l->error on failure. */
 static inline char **parts_folder(part_list *l, const char *folder, const char *ending, int *count) {
     char **names = (char **)malloc(sizeof *names), **more;
     int room = 1, ok = names != NULL;

@@ -1,6 +1,6 @@
-/* Writes pictures of floats, whole or band by band, as .png (8-bit sRGB; every channel is made visible), .pfm or .exr
-   (linear; 32-bit floats, in an .exr also 16-bit ones). .png needs libpng, .exr needs OpenEXR: define
-   SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header.
+/* Writes pictures of floats, at once or in bands of rows, as .png (8-bit sRGB, with a visible form of each channel),
+   .pfm (linear 32-bit floats) or .exr (linear 32-bit or 16-bit floats). A .png needs libpng; an .exr needs OpenEXR and
+   the macro SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header.
 
        picture_writer writer;
        ok = picture_begin(&writer, stream, "room.png", &frame, channel, stops);  // frame: an image without values
@@ -21,30 +21,30 @@
   #include <openexr.h>
 #endif
 
-enum { PICTURE_ERROR_STOPS = 5 };  /* channel error is shown this many stops brighter, because errors are small */
+enum { PICTURE_ERROR_STOPS = 5 };  /* error channels are shown brighter by this, because errors are small */
 
-/* What is known about a picture, as names and texts. */
+/* Facts about a picture, each with a name and a text. */
 enum { PICTURE_FACTS = 11, PICTURE_FACT_SIZE = 1024 };
 typedef struct picture_fact { const char *name; char text[PICTURE_FACT_SIZE]; } picture_fact;
 
-/* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel in that
-   picture, and `whole` is the size of that picture; otherwise all are 0. facts: NULL, or PICTURE_FACTS facts, of which
-   unused ones have no name. Only .exr files store `at`, `whole` and the facts. */
+/* A picture, top row first. If it is a window of a larger picture, `at` is the position of its first pixel in that
+   picture and `full` is the size of that picture; otherwise all are 0. facts: NULL, or PICTURE_FACTS facts; unused ones
+   have no name. Only .exr files store `at`, `full` and the facts. */
 typedef struct image {
     int width, height, components;
     float *values;
     const char *const *channels;  /* names of the components in an .exr file; NULL: Y, or R, G and B */
-    int at[2], whole[2];
+    int at[2], full[2];
     const picture_fact *facts;
-    int is_half;                  /* 1: an .exr holds 16-bit floats; values above 65504 would become infinite */
+    int is_half;                  /* 1: an .exr stores 16-bit floats; values above 65504 become infinite */
 } image;
 
-/* maps 0..1 to a byte; NaN becomes 0 */
+/* Maps 0..1 to a byte; NaN becomes 0. */
 static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }
 
 static void hue(double h, unsigned char *out) {
     int k;
-    /* h from 0 to 1: red, green, blue, red */
+    /* h from 0 to 1 runs through red, green, blue and back to red */
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
@@ -52,7 +52,7 @@ static inline int picture_is_error(sbl_channel channel) {
     return channel == SBL_CHANNEL_ERROR || channel == SBL_CHANNEL_RADIANCE_ERROR;
 }
 
-/* The lowest and the highest value of each component, where there is a surface. */
+/* The lowest and highest value of each component over all pixels that show a surface. */
 typedef struct picture_range { double low[3], high[3]; } picture_range;
 
 static const picture_range picture_no_range = { { 1e30, 1e30, 1e30 }, { -1e30, -1e30, -1e30 } };
@@ -63,7 +63,7 @@ static int picture__shows_surface(const float *value, int components) {
     return surface;
 }
 
-/* Extends the range by `pixels` pixels of n components. */
+/* Extends a range by the values of `pixels` pixels of n components. */
 static void picture_extend(picture_range *range, const float *values, size_t pixels, int n) {
     size_t i;
     int k;
@@ -74,9 +74,9 @@ static void picture_extend(picture_range *range, const float *values, size_t pix
         }
 }
 
-/* Converts pixels of n components to three bytes each, scaled so that the values of each channel can be told
-   apart. range: of the whole picture; only the channels position, depth and sensors need it. scale: 2 to the
-   power of the exposure */
+/* Converts pixels of n components to three bytes each, scaled so that the values of the channel become distinguishable.
+   range: over the full picture; only the channels position, depth and sensors need it. scale: 2 to the power of the
+   exposure */
 static void picture__make_visible(unsigned char *out, const float *values, size_t pixels, int n, sbl_channel channel,
                                   const picture_range *range, float scale) {
     const double *low = range->low, *high = range->high;
@@ -119,22 +119,23 @@ typedef enum picture_format { PICTURE_PNG, PICTURE_PFM, PICTURE_EXR } picture_fo
 typedef struct picture_writer {
     FILE *out;
     picture_format format;
-    image frame;             /* without values */
+    image frame;             /* the picture without its values */
     sbl_channel channel;
-    float scale;             /* of a .png: 2 to the power of the exposure */
-    picture_range range;     /* of a .png: set it before the first band if the channel needs it */
+    float scale;             /* for a .png: 2 to the power of the exposure */
+    picture_range range;     /* for a .png: must be set before the first band if the channel needs it */
     png_structp png;
     png_infop info;
 #ifdef SBL_RENDER_OPENEXR
     exr_context_t exr;
     exr_encode_pipeline_t encoder;
-    int encodes;             /* 1: the encoder is initialized */
-    exr_result_t (*compress)(exr_encode_pipeline_t *encoder);  /* that of OpenEXR, see picture__compress */
+    int encodes;             /* 1: the encoder is initialised */
+    exr_result_t (*compress)(exr_encode_pipeline_t *encoder);  /* of OpenEXR; picture__compress calls it */
 #endif
 } picture_writer;
 
-/* The functions of the formats return 0 on failures other than those of the stream, and set errno if they know the
-   reason. Bands of a .pfm are put from the last to the first, those of other files from the first to the last. */
+/* The functions of the formats return 0 on failure, and set errno if they know the reason. They do not check for errors
+   of the stream. The bands of a .pfm must come from the last to the first, those of other formats from the first to the
+   last. */
 
 static void on_png_error(png_structp png, png_const_charp message) {
     (void)message;
@@ -209,7 +210,7 @@ static void on_exr_error(exr_const_context_t context, exr_result_t code, const c
     (void)message;
 }
 
-/* Writes at an offset: OpenEXR also overwrites parts that it wrote before. */
+/* Writes bytes at an offset, because OpenEXR returns to earlier places of the file and overwrites them. */
 static int64_t write_exr_bytes(exr_const_context_t context, void *user, const void *data, uint64_t size,
                                uint64_t offset, exr_stream_error_func_ptr_t error) {
     uint64_t done;
@@ -223,13 +224,13 @@ static int64_t write_exr_bytes(exr_const_context_t context, void *user, const vo
     return (int64_t)size;
 }
 
-/* Returns the name of a component in an .exr file. */
+/* Returns the name of a component as an .exr channel. */
 static const char *picture__channel(const image *frame, int component) {
     static const char *const names[2][3] = { { "Y", NULL, NULL }, { "R", "G", "B" } };
     return frame->channels ? frame->channels[component] : names[frame->components == 3][component];
 }
 
-/* Returns the number of the component with this name, or -1. */
+/* Returns the index, from 0, of the component with this channel name, or -1. */
 static int picture__component(const image *frame, const char *name) {
     int k = frame->components;
     while (--k >= 0 && strcmp(picture__channel(frame, k), name) != 0) continue;
@@ -248,8 +249,8 @@ static int picture__begin_exr(picture_writer *w) {
     data.max.x = data.min.x + frame->width - 1;
     data.max.y = data.min.y + frame->height - 1;
     display.min.x = display.min.y = 0;
-    display.max.x = (frame->whole[0] ? frame->whole[0] : frame->width) - 1;
-    display.max.y = (frame->whole[1] ? frame->whole[1] : frame->height) - 1;
+    display.max.x = (frame->full[0] ? frame->full[0] : frame->width) - 1;
+    display.max.y = (frame->full[1] ? frame->full[1] : frame->height) - 1;
     settings.error_handler_fn = on_exr_error;
     settings.write_fn = write_exr_bytes;
     settings.user_data = w->out;
@@ -268,8 +269,8 @@ static int picture__begin_exr(picture_writer *w) {
     return result == EXR_ERR_SUCCESS;
 }
 
-/* Compresses a chunk. Readers take a chunk for uncompressed if it is as long as the uncompressed one, but OpenEXR 3.1
-   writes compressed data of exactly this length, too: such a chunk is written uncompressed. */
+/* Compresses a chunk. A reader takes a chunk of the uncompressed length for uncompressed data, but OpenEXR 3.1 may also
+   write compressed data of exactly this length. Such a chunk is replaced by the uncompressed data. */
 static exr_result_t picture__compress(exr_encode_pipeline_t *encoder) {
     const picture_writer *w = (const picture_writer *)encoder->encoding_user_data;
     const exr_result_t result = w->compress(encoder);
@@ -278,7 +279,8 @@ static exr_result_t picture__compress(exr_encode_pipeline_t *encoder) {
     return result;
 }
 
-/* Writes rows, in chunks of as many rows as the compression joins. The first row of a band is that of a chunk. */
+/* Writes rows in chunks; the compression decides how many rows are a chunk. The first row of a band must be the first
+   row of a chunk. */
 static int picture__put_exr(picture_writer *w, int first, int rows, const float *values) {
     const int n = w->frame.components, width = w->frame.width;
     exr_chunk_info_t chunk;
@@ -294,7 +296,7 @@ static int picture__put_exr(picture_writer *w, int first, int rows, const float 
                            : exr_encoding_initialize(w->exr, 0, &chunk, &w->encoder);
         w->encodes = begun || result == EXR_ERR_SUCCESS;
         for (k = 0; k < n && result == EXR_ERR_SUCCESS; k++) {
-            exr_coding_channel_info_t *channel = &w->encoder.channels[k];  /* channels are sorted by name */
+            exr_coding_channel_info_t *channel = &w->encoder.channels[k];  /* OpenEXR sorts channels by name */
             const int component = picture__component(&w->frame, channel->channel_name);
             channel->encode_from_ptr = (const uint8_t *)(from + component);
             channel->user_bytes_per_element = 4;
@@ -328,8 +330,8 @@ static picture_format picture_format_of(const char *name) {
     return PICTURE_PFM;
 }
 
-/* Begins a picture. The extension of the name selects the format. stops: the exposure of a .png, which only the
-   channels final, radiance, store and error have. Returns 0 on failure; picture_end must then be called, too. */
+/* Begins a picture. The ending of the name selects the format. stops: exposure of a .png; only the channels final,
+   radiance, store and error use it. Returns 0 on failure; the caller must call picture_end even then. */
 static inline int picture_begin(picture_writer *w, FILE *out, const char *name, const image *frame,
                                 sbl_channel channel, double stops) {
     memset(w, 0, sizeof *w);
@@ -343,12 +345,12 @@ static inline int picture_begin(picture_writer *w, FILE *out, const char *name, 
 #ifdef SBL_RENDER_OPENEXR
     if (w->format == PICTURE_EXR) return picture__begin_exr(w);
 #endif
-    fprintf(out, "PF\n%d %d\n-1.0\n", frame->width, frame->height);  /* negative scale: little-endian */
+    fprintf(out, "PF\n%d %d\n-1.0\n", frame->width, frame->height);  /* the negative scale means little-endian */
     return 1;
 }
 
-/* Writes a band of rows. first: its first row, a multiple of 64. Bands come in order, from the top; those of a .pfm
-   from the bottom. */
+/* Writes a band of rows. Returns 0 on failure. first: index of its first row, a multiple of 64. Bands come in order
+   from the top, but from the bottom for a .pfm. */
 static inline int picture_put(picture_writer *w, int first, int rows, const float *values) {
     if (w->format == PICTURE_PNG) return picture__put_png(w, rows, values);
 #ifdef SBL_RENDER_OPENEXR
@@ -358,7 +360,7 @@ static inline int picture_put(picture_writer *w, int first, int rows, const floa
     return picture__put_pfm(w, rows, values);
 }
 
-/* Ends the picture. ok: 0 if a call before has failed. Returns whether the file is complete. */
+/* Ends the picture. ok: 0 if an earlier call failed. Returns 1 if the file is complete. */
 static inline int picture_end(picture_writer *w, int ok) {
     if (w->format == PICTURE_PNG) return picture__end_png(w, ok);
 #ifdef SBL_RENDER_OPENEXR
@@ -367,18 +369,18 @@ static inline int picture_end(picture_writer *w, int ok) {
     return ok;
 }
 
-/* Writes a whole picture. */
+/* Writes a picture at once. Returns 0 on failure. */
 static inline int picture_write(FILE *out, const char *name, const image *picture, sbl_channel channel, double stops) {
     picture_writer w;
     int ok = picture_begin(&w, out, name, picture, channel, stops);
-    if (w.format == PICTURE_PNG)  /* other files may have more than three components */
+    if (w.format == PICTURE_PNG)  /* pictures in other formats may have more components than a range */
         picture_extend(&w.range, picture->values, (size_t)picture->width * (size_t)picture->height,
                        picture->components);
     ok = ok && picture_put(&w, 0, picture->height, picture->values);
     return picture_end(&w, ok);
 }
 
-/* Reads a channel of the current picture or lightmap. The caller frees picture->values. */
+/* Reads a channel of the current picture or lightmap. The caller frees picture->values, also on failure. */
 static inline sbl_result picture_read(sbl_context *context, int width, int height, sbl_channel channel,
                                       image *picture) {
     size_t count;

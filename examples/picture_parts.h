@@ -1,7 +1,7 @@
-/* Joins parts of a picture: reads .exr files that each contain a window of a whole picture, checks that they fit
-   together, and writes the whole, or a region of it, band by band. It needs the memory of a band, whatever the size of
-   the picture. Include after picture_file.h and part_list.h. Without OpenEXR (SBL_RENDER_OPENEXR) every part is
-   refused.
+/* Joins the parts of a picture: reads .exr files that each contain a window of the picture, checks that they fit
+   together, and writes the picture, or a region of it, in bands of rows. It holds only one band in memory, so the size
+   of the picture does not matter. Include after picture_file.h and part_list.h. Without OpenEXR (SBL_RENDER_OPENEXR),
+   every part is refused.
 
        picture_parts parts = { 0 };
        for (...) ok = ok && parts_add(&parts, name);
@@ -11,26 +11,26 @@
 #ifndef PICTURE_PARTS_H
 #define PICTURE_PARTS_H
 
-/* The facts that a part contains (picture_fact). All but the last two must be the same in all parts. */
+/* The facts (picture_fact) that a part contains. All except the last two must be the same in all parts. */
 enum {
     FACT_VERSION,   /* of sbl.h */
-    FACT_SCENE,     /* hash of meshes, materials, lights and sky: sbl_scene_fingerprint */
-    FACT_CAMERA,    /* hash of the camera's matrices */
-    FACT_OPTIONS,   /* options that change the picture, as they were given */
+    FACT_SCENE,     /* hash of meshes, materials, lights and sky, from sbl_scene_fingerprint */
+    FACT_CAMERA,    /* hash of the matrices of the camera */
+    FACT_OPTIONS,   /* the options that change the picture, as the user gave them */
     FACT_CHANNEL,
-    FACT_SIZE,      /* of the whole picture */
-    FACT_MEAN,      /* mean R of the whole picture, to which errors are relative */
-    FACT_PRICE,     /* least benefit of a look, see sbl_picture_desc.price */
-    FACT_EXPOSURE,  /* stops; 0 if the channel is not exposed */
+    FACT_SIZE,      /* size of the full picture */
+    FACT_MEAN,      /* mean R of the full picture, which errors are relative to */
+    FACT_PRICE,     /* least benefit of a look; see sbl_picture_desc.price */
+    FACT_EXPOSURE,  /* in stops; 0 if the channel has no exposure */
     FACT_RENDERER,  /* GL_RENDERER */
-    FACT_PART,      /* "3/16", or empty */
+    FACT_PART,      /* such as "3/16", or empty */
     FACT_COUNT
 };
 
 static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", "sbl.camera", "sbl.options",
     "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.exposure", "sbl.renderer", "sbl.part" };
 
-/* How a message describes a fact that differs; it follows "it was made". */
+/* For each fact, the words of an error message about a difference, which follow "it was made". */
 static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h", "from another scene",
     "with another camera", "with other options", "of another channel", "for another size",
     "with another plan (give all parts the same --plan)", "with another plan (give all parts the same --plan)",
@@ -39,28 +39,28 @@ static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h
 
 static const part_kind picture_kind = { fact_names, fact_words, FACT_RENDERER };
 
-/* A window. */
+/* A part: the window of the picture that its file contains. */
 typedef struct picture_part {
-    int at[2], size[2];   /* first pixel in the whole picture; size in pixels */
+    int at[2], size[2];   /* first pixel, as a position in the full picture; size in pixels */
 #ifdef SBL_RENDER_OPENEXR
-    exr_context_t exr;    /* NULL if the file is closed */
+    exr_context_t exr;    /* NULL while the file is closed */
 #endif
-    unsigned used;        /* when rows were read last, see picture_parts.turn */
+    unsigned used;        /* value of picture_parts.turn when rows were last read */
 } picture_part;
 
 enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
-enum { PARTS_ACROSS = 16384 };              /* greatest width and height of the whole */
+enum { PARTS_ACROSS = 16384 };              /* greatest width and height of the full picture */
 
 typedef struct picture_parts {
     part_list list;
-    picture_part *parts;                 /* one for each file of the list */
+    picture_part *parts;                 /* one for each file in list */
     int room;
-    image frame;                         /* size of the whole picture; its components and facts */
+    image frame;                         /* the size of the full picture, its components and its facts */
     int open;                            /* number of open files */
     unsigned turn;
 } picture_parts;
 
-/* Returns the name of the file of a part. */
+/* Returns the file name of a part. */
 static inline const char *parts__name(const picture_parts *p, const picture_part *part) {
     return p->list.files[part - p->parts].name;
 }
@@ -74,7 +74,8 @@ static void parts__close(picture_parts *p, picture_part *part) {
     p->open--;
 }
 
-/* Opens the file of a part. Closes the one that was used longest ago if too many are open. */
+/* Opens the file of a part. If too many files are open, closes the least recently used one first. Returns 0 and sets
+   p->list.error on failure. */
 static int parts__open(picture_parts *p, picture_part *part) {
     exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
     const char *name = parts__name(p, part);
@@ -97,7 +98,7 @@ static int parts__open(picture_parts *p, picture_part *part) {
     return parts__fail(&p->list, "%s: not a complete .exr file; if it is a part, make it again", name);
 }
 
-/* Reads a fact of an open part; unknown facts are empty. */
+/* Reads a fact of an open part. A fact that the file lacks becomes "". */
 static void parts__fact(const picture_part *part, int fact, char *out) {
     const char *text = NULL;
     int32_t length = 0;
@@ -106,8 +107,8 @@ static void parts__fact(const picture_part *part, int fact, char *out) {
         snprintf(out, PICTURE_FACT_SIZE, "%s", text);
 }
 
-/* Returns the number of components if the file has those of p->frame, or without p->frame.channels Y, or R, G and B, as
-   32-bit floats in rows; otherwise 0. */
+/* Returns the number of components of a file, or 0 if it does not fit. It must have a single part of scanlines, with
+   32-bit floats in the channels of p->frame, or in Y or R, G and B if p->frame.channels is NULL. */
 static int parts__components(const picture_parts *p, const picture_part *part) {
     const exr_attr_chlist_t *list = NULL;
     image frame = p->frame;
@@ -127,7 +128,8 @@ static int parts__components(const picture_parts *p, const picture_part *part) {
     return list->num_channels;
 }
 
-/* Reads the header of a part. Checks it against the first part, which sets p->frame and p->list.facts. */
+/* Reads the header of a part and checks it against the first part, which sets p->frame and p->list.facts. Returns 0 and
+   sets p->list.error if it does not fit. */
 static int parts__header(picture_parts *p, picture_part *part) {
     static picture_fact facts[PICTURE_FACTS];
     exr_attr_box2i_t data, display;
@@ -160,9 +162,9 @@ static int parts__header(picture_parts *p, picture_part *part) {
     }
     if (!parts__fit(&p->list, &picture_kind, facts)) return 0;
     if (p->frame.width > PARTS_ACROSS || p->frame.height > PARTS_ACROSS)
-        return parts__fail(&p->list, "%s: it is damaged: its whole has %d x %d pixels, more than %d x %d; make this "
-                           "part again", parts__name(p, part), p->frame.width, p->frame.height, PARTS_ACROSS,
-                           PARTS_ACROSS);
+        return parts__fail(&p->list, "%s: it is damaged: it is a part of a picture of %d x %d pixels, more than "
+                           "%d x %d; make this part again", parts__name(p, part), p->frame.width, p->frame.height,
+                           PARTS_ACROSS, PARTS_ACROSS);
     if (components != p->frame.components || display.max.x + 1 != p->frame.width ||
         display.max.y + 1 != p->frame.height)
         return parts__fail(&p->list, "%s does not fit %s: it belongs to another picture", parts__name(p, part),
@@ -173,8 +175,8 @@ static int parts__header(picture_parts *p, picture_part *part) {
     return 1;
 }
 
-/* Decodes the chunk of rows that contains row y of the picture. rows: room for them; span: receives the first of them
-   and their number. decoder: has all bytes 0 before the first chunk */
+/* Decodes the chunk that contains row y of the full picture. Returns 0 on failure. rows: receives the rows of the
+   chunk; span: receives the first row and the number of rows. decoder: all bytes must be 0 before the first chunk */
 static int parts__decode(const image *frame, const picture_part *part, int y, float *rows,
                          exr_decode_pipeline_t *decoder, int span[2]) {
     const int n = frame->components, begun = decoder->channels != NULL;
@@ -201,7 +203,8 @@ static int parts__decode(const image *frame, const picture_part *part, int y, fl
     return result == EXR_ERR_SUCCESS;
 }
 
-/* Copies the part's pixels in rows y to y + rows - 1 of the picture to a band of the region. */
+/* Copies the pixels of a part in the rows from y to y + rows - 1 of the full picture to a band of the region. Returns 0
+   and sets p->list.error on failure. */
 static int parts__copy(picture_parts *p, picture_part *part, const int region[4], int y, int rows, float *band) {
     const size_t n = (size_t)p->frame.components;
     const int last = part->at[1] + part->size[1] < y + rows ? part->at[1] + part->size[1] : y + rows;
@@ -246,7 +249,7 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
 
 #endif
 
-/* Adds a file. Returns 0 and sets p->list.error if it is no part, or does not fit the parts before. */
+/* Adds a file. Returns 0 and sets p->list.error if it is not a part, or does not fit the parts added before. */
 static inline int parts_add(picture_parts *p, const char *name) {
     picture_part *part;
     if (!parts__list(&p->list, name)) return 0;
@@ -274,7 +277,8 @@ static int parts__overlap(const picture_part *a, const picture_part *b) {
            a->at[1] < b->at[1] + b->size[1] && b->at[1] < a->at[1] + a->size[1];
 }
 
-/* Checks that the parts cover the region (x, y, width, height), each pixel once. */
+/* Returns 1 if the parts cover each pixel of the region (x, y, width, height) exactly once. Otherwise sets
+   p->list.error. */
 static inline int parts_check(picture_parts *p, const int region[4]) {
     double pixels = 0;
     int i, k;
@@ -298,32 +302,33 @@ static inline int parts_check(picture_parts *p, const int region[4]) {
     return 1;
 }
 
-/* Reads rows y to y + rows - 1 of the picture, as far as they lie in the region. */
+/* Reads the rows from y to y + rows - 1 of the full picture, within the region, from all parts. */
 static inline int parts_band(picture_parts *p, const int region[4], int y, int rows, float *band) {
     int i, ok = 1;
     for (i = 0; i < p->list.count && ok; i++) ok = parts__copy(p, &p->parts[i], region, y, rows, band);
     return ok;
 }
 
-/* What parts_write writes: a region of the picture, in the format that the name selects. */
+/* Arguments of parts_write: a region of the full picture, and a file name whose ending selects the format. */
 typedef struct parts_job {
     picture_parts *parts;
     const char *name;
     int region[4];
-    const picture_fact *facts;              /* of the file, see image.facts */
+    const picture_fact *facts;              /* the facts that the file gets; see image.facts */
     sbl_channel channel;
     double stops;
     const volatile sig_atomic_t *cancel;
 } parts_job;
 
-/* Reads band number `number` of the region. rows: receives its number of rows. */
+/* Reads the band with the index `number` of the region. Returns 0 on failure or cancellation. rows: receives its number
+   of rows */
 static int parts__read_band(const parts_job *job, int number, float *band, int *rows) {
     const int first = number * PARTS_BAND, left = job->region[3] - first;
     *rows = left < PARTS_BAND ? left : PARTS_BAND;
     return !*job->cancel && parts_band(job->parts, job->region, job->region[1] + first, *rows, band);
 }
 
-/* Writes a region band by band; for target_write. what: a parts_job */
+/* Writes a region in bands, for target_write. Returns 0 on failure. what: a parts_job */
 static inline int parts_write(FILE *out, const void *what) {
     const parts_job *job = (const parts_job *)what;
     const int bands = (job->region[3] + PARTS_BAND - 1) / PARTS_BAND, n = job->parts->frame.components;
@@ -339,8 +344,8 @@ static inline int parts_write(FILE *out, const void *what) {
     frame.facts = job->facts;
     if (job->region[2] < job->parts->frame.width || job->region[3] < job->parts->frame.height) {
         memcpy(frame.at, job->region, sizeof frame.at);
-        frame.whole[0] = job->parts->frame.width;
-        frame.whole[1] = job->parts->frame.height;
+        frame.full[0] = job->parts->frame.width;
+        frame.full[1] = job->parts->frame.height;
     }
     ok = picture_begin(&w, out, job->name, &frame, job->channel, job->stops) && band;
     for (i = 0; i < bands && ok && measures && w.format == PICTURE_PNG; i++) {

@@ -1,6 +1,6 @@
-/* Demonstrates materials that reflect and let light pass: a room with a large mirror, a glass table, balls of metal and
-   plastic of several roughness, and a polished floor. The first argument is the folder for the picture. With a second
-   argument, the picture is a small draft. */
+/* Demonstrates materials that reflect or transmit light: a room with a large mirror, a glass table, a polished floor,
+   and balls of metal and plastic with different roughness. The first argument is the folder for the picture. With a
+   second argument, the picture is a small draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
@@ -13,11 +13,11 @@ enum { WIDTH = 360, HEIGHT = 240, SLICES = 32, BALLS = 5 };
 
 enum { PLASTER, BLUE_PLASTER, FLOOR, LAMP, MIRROR, STEEL, GLASS, FIRST_BALL, MATERIALS = FIRST_BALL + BALLS };
 static const sbl_material materials[MATERIALS] = {
-    [PLASTER] = { .albedo = { 0.72f, 0.7f, 0.66f } },  /* without ior and metallic, a material is matte */
+    [PLASTER] = { .albedo = { 0.72f, 0.7f, 0.66f } },  /* a material without ior and metallic is matte */
     [BLUE_PLASTER] = { .albedo = { 0.2f, 0.32f, 0.5f } },
     [FLOOR] = { .albedo = { 0.35f, 0.2f, 0.1f }, .ior = 1.5f, .roughness = 0.25f },
     [LAMP] = { .emission = { 14, 12.5f, 10 } },
-    [MIRROR] = { .albedo = { 0.92f, 0.93f, 0.92f }, .metallic = 1 },  /* roughness 0 */
+    [MIRROR] = { .albedo = { 0.92f, 0.93f, 0.92f }, .metallic = 1 },  /* roughness is 0 */
     [STEEL] = { .albedo = { 0.56f, 0.57f, 0.58f }, .metallic = 1, .roughness = 0.35f },
     [GLASS] = { .albedo = { 0.86f, 0.96f, 0.9f }, .ior = 1.5f, .transmission = 1 },
     { .albedo = { 1, 0.77f, 0.34f }, .metallic = 1, .roughness = 0.1f },  /* gold */
@@ -35,7 +35,7 @@ static const float box[] = {
     SIDE(0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1), SIDE(1, 0, 0, 0, 0, 0, 0, 1, 0, 1, 1, 0),
     SIDE(1, 0, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1), SIDE(0, 0, 0, 0, 0, 1, 0, 1, 1, 0, 1, 0) };
 static const float plate[] = { SIDE(0, 0, 0, 0, 0, 1, 1, 0, 1, 1, 0, 0) };  /* a pane is a single surface */
-static float ball[4 * SLICES * (SLICES - 1) * 9];  /* positions, which are also the normals */
+static float ball[4 * SLICES * (SLICES - 1) * 9];  /* positions, which also serve as normals */
 
 static void make_ball(void) {
     static const int corner[6][2] = { { 0, 0 }, { 1, 0 }, { 1, 1 }, { 0, 0 }, { 1, 1 }, { 0, 1 } };

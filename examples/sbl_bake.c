@@ -1,5 +1,5 @@
-/* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and
-   viewers. `sbl_bake --help` explains its options. */
+/* A baking tool on top of sbl.h: reads a scene file, bakes its light, and writes it for engines and viewers. `sbl_bake
+   --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -31,13 +31,13 @@ static struct options {
     int lightmap, map, gutter, supersample, samples, grid[3], cubemap_size;
     part_choice part;
     const char *join;
-    const char *positions;  /* file with the positions of probes, or NULL for a grid */
+    const char *positions;  /* file with the positions of the probes; NULL: they form a grid */
     const char *light_groups;
     double target_error, move, smoothing, ao;
     const char *format_list;
     map_formats formats;
     int lit;
-    double stops;  /* exposure of scene_lit.glb; NAN: it is chosen */
+    double stops;  /* exposure of scene_lit.glb; NAN: automatic */
 } options = { .stops = NAN };
 
 enum {
@@ -126,23 +126,22 @@ static const tool_option table[OPTION_COUNT] = {
               "textures sharp; without textures, the size of the map, up to 4096; half of it while --memory allows "
               "less" },
     [LIT_EXPOSURE] = { "--exposure", "STOPS|auto", NUMBERS, &options.stops, 1, -50, 50,
-                       "exposure of scene_lit.glb in stops; auto (default): that which suits the light on the surfaces",
+                       "exposure of scene_lit.glb in stops; auto (default): chosen for the light on the surfaces",
                        exposure_words },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                      "with --lightmap: also writes how the light depends on direction, for normal maps: sh_0 to sh_3 "
-                      "are the\n"
+                      "with --lightmap: also writes the light by direction, for normal maps: sh_0 to sh_3 are the\n"
                       "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
                       "spherical harmonics\n"
                       "1, y, z, x, continued into the gutters" },
     [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
-             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
-             "directions\n"
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of "
+             "the directions\n"
              "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
-             "all. They are\n"
-             "continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% is "
-             "0.005. Takes\n"
-             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without --part "
-             "and --join,\n"
+             "any distance. They\n"
+             "are continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% "
+             "is 0.005. Takes\n"
+             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without "
+             "--part and --join,\n"
              "and not in windows" },
     [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
@@ -161,16 +160,17 @@ static const tool_option table[OPTION_COUNT] = {
                       "texels;\n"
                       "default 1" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
-                       "also writes the light of each group of sources, from the same rays. The sum of all groups is "
-                       "the whole:\n"
+                       "also writes the light of each group of sources, from the same rays. All groups add up to "
+                       "the light without groups:\n"
                        "--lightmap   atlas_NAME, in the formats of atlas; not with --directional\n"
                        "--vertices   radiance_NAME_r, _g and _b in a .ply, attribute _RADIANCE_NAME in a .gltf\n"
                        "--probes     sh and cube in the object groups of each probe, under NAME\n"
-                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, named "
-                       "sky. It\n"
+                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, "
+                       "named sky. It\n"
                        "belongs to the first group whose pattern matches its name (with * ? and [], as in a shell); "
                        "NAME alone\n"
-                       "is its own pattern; what no pattern matches belongs to the group rest. At most 8 groups" },
+                       "is its own pattern; a source without a matching pattern belongs to the group rest. At most "
+                       "8 groups" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
                        "divided\n"
@@ -195,42 +195,42 @@ static const tool_option table[OPTION_COUNT] = {
                     "edge; 0 turns\n"
                     "it off; default 0.02" },
     [PROBES] = { "--probes", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
-                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells of a "
-                 "grid over\n"
-                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers "
-                 "on each line.\n"
+                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells "
+                 "of a grid over\n"
+                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers on "
+                 "each line.\n"
                  "Each probe has: position; valid (false inside geometry); sh: radiance in nine real orthonormal "
                  "spherical\n"
                  "harmonics, rgb each, in the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R on surfaces that "
                  "face +x -x\n"
-                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
-                 "each\n"
-                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h). "
-                 "FILE.json also\n"
-                 "tells the origin and the spacing of the grid, and the constants and weights that make irradiance of "
-                 "sh;\n"
+                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means "
+                 "for each\n"
+                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in "
+                 "sbl.h). FILE.json also\n"
+                 "contains the origin and the spacing of the grid, and the constants and weights that convert sh to "
+                 "irradiance;\n"
                  "examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
     [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
-                   "bakes what is seen from points in the air, for reflections: a grid of points or a list, as for "
-                   "--probes. Writes\n"
-                   "these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
+                   "bakes the radiance from all directions at points in the air, for reflections. The points are "
+                   "given as for --probes.\n"
+                   "Writes these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
                    "cubemap_NNNN.ktx2      all levels, half floats; faces +x -x +y -y +z -z as in OpenGL, so that "
                    "sampling in a\n"
                    "                       direction of the world gives the radiance from there\n"
                    "cubemap_NNNN_K.exr     level K as a column of six faces, from the top, in 32-bit floats\n"
                    "cubemaps.json          position, valid (false inside geometry: no files), and for parallax the "
                    "box of the room,\n"
-                   "                       whose sides are the surfaces that face the point squarely and fill most of "
-                   "the view, or\n"
-                   "                       the bounds of the scene; size and roughness of each level\n"
-                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are filtered "
-                   "by GGX lobes\n"
+                   "                       whose sides are at the surfaces that are parallel to them and fill most "
+                   "of the view, or\n"
+                   "                       at the bounds of the scene; size and roughness of each level\n"
+                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are "
+                   "filtered by GGX lobes\n"
                    "with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis 2013)",
                    NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
-    [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MOST,
+    [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MAX,
                   "with --cubemaps: texels across a face of level 0, a power of two from 8 to 1024; default 128" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
                "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
@@ -242,19 +242,19 @@ static const tool_option table[OPTION_COUNT] = {
                "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
                "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
-               "whole. If it\n"
-               "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
-               "different\n"
+               "complete\n"
+               "map. If it exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that "
+               "are made with different\n"
                "graphics drivers must share one FILE" },
     [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
-               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), and makes the "
+               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), fills the "
                "gutters and\n"
-               "seams of the whole map. Give the options of the parts, without --part, --plan and --store. --memory "
-               "must allow\n"
+               "joins the seams. Give the options of the parts, without --part, --plan and --store. --memory must "
+               "allow\n"
                "about 42 bytes for each texel, 90 with --directional, 12 more with each light group" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
-                 "than\n"
+                 "with --lightmap: continues a map that an interrupted run was baking window by window, because it "
+                 "is larger than\n"
                  "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts (of "
                  "several maps:\n"
                  "OUTPUT_0.parts, ...), which is removed at the end; while it exists, a run without --resume is "
@@ -262,7 +262,7 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 static light_groups groups;
-static sbl_material *grouped_materials;  /* see groups_assign */
+static sbl_material *grouped_materials;  /* NULL, or the copied materials of groups_assign */
 
 static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
@@ -329,7 +329,7 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
-/* Reads the value of --part. Returns the exit status. */
+/* Reads the value of --part and checks the output name against it. Returns the exit status. */
 static int parse_part(void) {
     if (!given[PART]) return DONE;
     if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
@@ -344,7 +344,7 @@ static int parse_part(void) {
     return plan_part_and_output(&options.part);
 }
 
-/* Reads the list of formats. Returns the exit status. */
+/* Reads and checks the value of --formats. Returns the exit status. */
 static int parse_formats(void) {
     const char *list = given[FORMATS] ? options.format_list : MAP_DEFAULT;
     const char *const wrong = map_formats_read(&options.formats, list);
@@ -361,7 +361,7 @@ static int parse_formats(void) {
     return DONE;
 }
 
-/* Returns whether scene_lit.glb is written. */
+/* Returns 1 if this run writes scene_lit.glb. */
 static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
@@ -369,7 +369,7 @@ static int parse(int argc, char **argv) {
         MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, PLAN, JOIN, RESUME,
         TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 12 };  /* from this index on, --cubemaps takes the options, too */
+    enum { ALSO_OF_CUBEMAPS = 12 };  /* the options from this index on also work with --cubemaps */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -432,11 +432,11 @@ static int parse(int argc, char **argv) {
     return DONE;
 }
 
-/* ---- one file ---- */
+/* ---- bakes with a single output file ---- */
 
 enum { ONE_FILE = OWN_TARGETS, VERTEX_BIN, VERTEX_TEXTURES };
 
-/* Lists the file of --output. Returns the exit status. */
+/* Adds the file of --output to the targets. Returns the exit status. */
 static int find_file(void) {
     targets_begin();
     output_find(&targets[ONE_FILE], common.output);
@@ -444,31 +444,31 @@ static int find_file(void) {
     return targets_check(target_count, given);
 }
 
-/* Gives the sources of the scene their light groups, if there are any. Returns the exit status. */
+/* Assigns light groups to the sources of the scene if --light-groups is given. Returns the exit status. */
 static int assign_groups(scene_file *file) {
     if (!given[LIGHT_GROUPS] || groups_assign(&groups, file, &grouped_materials)) return DONE;
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
-enum { CUBEMAPS_MOST = 10000 };  /* greatest number of cube maps */
+enum { CUBEMAPS_MAX = 10000 };  /* greatest number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 
-/* ---- parts ---- */
+/* ---- dividing the work into parts ---- */
 
-static bake_facts facts;  /* of the part; without --part, the range is the whole */
+static bake_facts facts;  /* the facts of this part; without --part, the range covers everything */
 
-/* Sets the range to the probes or meshes from number `first` on, `count` of `total`. */
+/* Sets the range to `count` of `total` probes or meshes, starting at the index `first`. */
 static void set_range(int first, int count, int total) {
     facts.range[BAKE_FIRST] = first;
     facts.range[BAKE_COUNT] = count;
     facts.range[BAKE_TOTAL] = total;
 }
 
-/* Returns how many of `total` probes precede part number k, from 0 on. */
+/* Returns the number of probes, of `total`, that come before the part with the index k, from 0. */
 static int probes_before(int k, int total) { return (int)((long long)k * total / options.part.count); }
 
-/* Sets the range to the probes of the part. Returns the exit status. */
+/* Sets the range to the probes of this part. Returns the exit status. */
 static int find_probes(int total) {
     const int k = options.part.number - 1;
     set_range(0, total, total);
@@ -479,9 +479,9 @@ static int find_probes(int total) {
     return DONE;
 }
 
-/* Sets the range to the meshes of the part. Every part gets a mesh, and then those whose middle triangle lies before
-   the end of the part's share of all triangles, but leaves a mesh for each of the parts that follow. Returns the exit
-   status. */
+/* Sets the range to the meshes of this part. Each part gets one mesh, and then further meshes as long as the middle
+   triangle of the next mesh is within the share of the part of all triangles. Enough meshes are left for one in each
+   later part. Returns the exit status. */
 static int find_meshes(const scene_file *file) {
     const sbl_mesh *m = file->scene.meshes;
     const int meshes = file->scene.mesh_count, parts = options.part.count;
@@ -502,7 +502,7 @@ static int find_meshes(const scene_file *file) {
     return DONE;
 }
 
-/* Sets the texts of the facts. what: what is baked, with all that the options do not say */
+/* Sets the texts of the facts. what: describes what is baked, as far as the options do not */
 static void find_facts(const sbl_context *context, const char *what) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    VERTICES, PROBES, PART, -1 };
@@ -522,14 +522,14 @@ static void find_facts(const sbl_context *context, const char *what) {
     bake_fact(&facts, BAKE_PART, text);
 }
 
-/* ---- vertices ---- */
+/* ---- baking vertices ---- */
 
 typedef struct vertices {
     const sbl_scene_desc *scene;
-    const sbl_mesh *meshes;  /* those that are baked, a range of the scene's */
+    const sbl_mesh *meshes;  /* the meshes that are baked, a range of the meshes of the scene */
     int mesh_count;
-    float *radiance;         /* R, and then the light of each group */
-    size_t count;            /* number of vertices in these meshes */
+    float *radiance;         /* R of all vertices, then the light of each group */
+    size_t count;            /* number of vertices of these meshes */
     double faces;
     gltf_file gltf;
     int texture;
@@ -537,8 +537,8 @@ typedef struct vertices {
 
 static char bin_name[PATH_MAX];
 
-/* Finds the meshes of the part, or, if --output is a .gltf, lists the files that it refers to. Returns the exit status.
-   */
+/* Finds the meshes of this part. If --output is a .gltf, also lists the files that it refers to. Returns the exit
+   status. */
 static int find_vertex_files(scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
@@ -566,8 +566,8 @@ static void add_cross(const double a[3], const double b[3], double scale, double
     out[2] += scale * (a[0] * b[1] - a[1] * b[0]);
 }
 
-/* Transforms a normal by the cofactors of the matrix, which keep it perpendicular to its surface. The sign of the
-   determinant flips the normal where the mesh is mirrored. */
+/* Transforms a normal by the cofactor matrix, which keeps it perpendicular to the surface. If the matrix mirrors, the
+   sign of the determinant flips the normal. */
 static void transform_normal(const float m[16], const float *n, double out[3]) {
     double column[3][3], normal[3] = { 0, 0, 0 }, determinant[3] = { 0, 0, 0 };
     int i, k, moved = 0;
@@ -580,8 +580,8 @@ static void transform_normal(const float m[16], const float *n, double out[3]) {
                               column[0][2] < 0 ? -1 : 1);
 }
 
-/* Returns the unit normals of all vertices in world space: those of the file, or else the area-weighted mean over
-   triangles. Returns NULL if memory runs out. */
+/* Returns the unit normals of all vertices in world space: the normals of the file, or else the mean of the normals of
+   the adjoining triangles, weighted by area. The caller frees them. Returns NULL if memory runs out. */
 static double *normals_of(const sbl_mesh *m) {
     const float *positions = (const float *)m->positions.data, *normals = (const float *)m->normals.data;
     const uint32_t *indices = (const uint32_t *)m->indices.data;
@@ -651,7 +651,7 @@ static int write_vertex_texture(FILE *out, const void *what) {
 static int keep_vertices(vertices *v) {
     const int gltf = ends_with(common.output, ".gltf"), files = gltf ? v->scene->texture_count + 2 : 1;
     int i;
-    for (i = 0; i < files; i++) {  /* the file that refers to the others is written last */
+    for (i = 0; i < files; i++) {  /* the file that refers to all others is written last */
         const int last = i == files - 1, bin = i == files - 2;
         output_file *target = &targets[last ? ONE_FILE : bin ? VERTEX_BIN : VERTEX_TEXTURES + i];
         v->texture = i;
@@ -663,7 +663,7 @@ static int keep_vertices(vertices *v) {
     return DONE;
 }
 
-/* Describes which vertices are baked. list: room for the numbers of the part's meshes */
+/* Sets the meshes of the bake. list: receives the indices of the meshes of this part */
 static void choose_meshes(vertices *v, sbl_vertices_desc *desc, int *list) {
     int i;
     v->meshes = v->scene->meshes + facts.range[BAKE_FIRST];
@@ -720,14 +720,14 @@ static int bake_vertices(tool_task *task, double *seconds) {
     return status;
 }
 
-/* ---- probes ---- */
+/* ---- baking probes ---- */
 
 typedef struct probes { sbl_probe *all, *parts; float *positions; int count; bake_grid grid; } probes;
 
-static probes listed;  /* the positions of the file of --probes */
+static probes listed;  /* the positions from the file of --probes or --cubemaps */
 
-/* Reads three numbers, separated by blanks or a comma. Returns 1; 0 if the line is empty or a comment; -1 if it is
-   anything else. */
+/* Reads three numbers, separated by blanks or a comma. Returns 1; or 0 if the line is empty or a comment; or -1 if it
+   is anything else. */
 static int read_position(char *line, float out[3]) {
     char *at = line, *end;
     int k;
@@ -742,7 +742,7 @@ static int read_position(char *line, float out[3]) {
     return *at ? -1 : 1;
 }
 
-/* Reads the file of positions, if there is one. Returns the exit status. */
+/* Reads the file of positions, if one is given. Returns the exit status. */
 static int read_positions(void) {
     probes *p = &listed;
     FILE *in = options.positions ? input_open(options.positions) : NULL;
@@ -780,7 +780,7 @@ static int write_probes(FILE *out, const void *what) {
     return 1;
 }
 
-/* Finds the probes of the part: of the list, or of the grid. Returns the exit status. */
+/* Reads the positions of the probes, checks their number, and sets the range of this part. Returns the exit status. */
 static int prepare_probes(void) {
     const int *grid = options.grid;
     const double points = (double)grid[0] * grid[1] * grid[2];
@@ -788,13 +788,13 @@ static int prepare_probes(void) {
     if (points >= INT_MAX)
         return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
                       grid[2], points, INT_MAX - 1);
-    if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MOST || listed.count > CUBEMAPS_MOST))
+    if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MAX || listed.count > CUBEMAPS_MAX))
         return misuse("--cubemaps: %.0f points are too many; at most %d are possible", points + listed.count,
-                      CUBEMAPS_MOST);
+                      CUBEMAPS_MAX);
     return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
-/* Writes words that identify the probes: the size of their grid, or their number and a hash of their positions. */
+/* Writes a text that identifies the probes: the size of their grid, or their number and a hash of their positions. */
 static void describe_probes(char *out, size_t size) {
     const size_t bytes = 12 * (size_t)listed.count;
     if (options.positions)
@@ -845,7 +845,7 @@ static int bake_probes(tool_task *task, double *seconds) {
 
 #include "sbl_bake_cubemaps.h"
 
-/* ---- the whole tool ---- */
+/* ---- the main program ---- */
 
 int main(int argc, char **argv) {
     const double start = now();
@@ -864,7 +864,7 @@ int main(int argc, char **argv) {
     targets_free();
     free(listed.positions);
     free(grouped_materials);
-    if (folder_is_new && status != DONE) rmdir(common.output);  /* leaves a folder that contains files */
-    for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
+    if (folder_is_new && status != DONE) rmdir(common.output);  /* does not remove a folder that contains files */
+    for (i = 0; i < TARGETS_MAX; i++) free(paths[i]);
     return status;
 }

@@ -1,34 +1,36 @@
-/* The reflection probes of sbl_bake: six pictures around each point, filtered for rough surfaces, and written into a
-   folder as .ktx2 and .exr with a .json that describes them. sbl_bake.c includes this file after its probes. */
+/* The reflection probes of sbl_bake. Around each probe it renders six pictures, filters them for rough surfaces, and
+   writes them as .ktx2 and .exr into a folder with a .json that describes them. sbl_bake.c includes this file after its
+   probes. */
 #ifndef SBL_BAKE_CUBEMAPS_H
 #define SBL_BAKE_CUBEMAPS_H
 
 enum {
-    CUBEMAP_SIZE = 128,      /* default texels across a face */
-    CUBEMAP_LAST = 4,        /* texels across a face of the last level */
-    CUBEMAP_MARGIN = 8,      /* pixels that a picture shows beyond its face: sensors and the filter need neighbours */
-    CUBEMAP_BINS = 64,       /* places at which a wall is looked for */
+    CUBEMAP_SIZE = 128,      /* default width of a face in texels */
+    CUBEMAP_LAST = 4,        /* width of a face of the last level in texels */
+    CUBEMAP_MARGIN = 8,      /* pixels around each face, as neighbours for sensors and filter */
+    CUBEMAP_BINS = 64,       /* number of distance intervals in the search for a wall */
     CUBEMAP_JSON = OWN_TARGETS, CUBEMAP_KTX2, CUBEMAP_EXR
 };
 
-/* A wall of the room around a probe is where surfaces that face the probe squarely fill the largest solid angle. */
+/* Histograms of the surfaces around a probe that face it squarely, by their distance from it as a share of the distance
+   to the bounds. The wall of the room is where they fill the largest solid angle. */
 typedef struct cube_wall { double solid[CUBEMAP_BINS + 1], sum[CUBEMAP_BINS + 1]; } cube_wall;
 
-/* What the .json tells about a probe. The walls are in the order of cube_names. */
+/* The facts about a probe in the .json. The walls are in the order of cube_names. */
 typedef struct cube_facts {
     sbl_probe probe;
     float box[6];
-    int is_wall[6];          /* 1: a wall was found; 0: the box ends at the bounds of the scene */
+    int is_wall[6];          /* 1: a wall was found; 0: this side of the box is on the bounds of the scene */
 } cube_facts;
 
 typedef struct cubemaps {
     tool_task *task;
     progress bar;
     sbl_bounds bounds;
-    int size, levels, count, level;       /* level: the one that is written next */
+    int size, levels, count, level;       /* level: index of the level that is written next */
     float *values[CUBE_DEPTHS];           /* the levels of one cube map */
     cube_facts *facts;
-    double greatest;                      /* largest value of all level 0 */
+    double greatest;                      /* greatest value in level 0 of any cube map */
 } cubemaps;
 
 static int cubemap_side(const cubemaps *c, int level) { return c->size >> level; }
@@ -43,7 +45,7 @@ static int write_cubemap_ktx2(FILE *out, const void *what) {
     return ktx2_write(out, &p);
 }
 
-/* Writes a level as a column of its faces. */
+/* Writes one level of a cube map as a picture of its faces, one below the other. */
 static int write_cubemap_exr(FILE *out, const void *what) {
     const cubemaps *c = (const cubemaps *)what;
     const int side = cubemap_side(c, c->level);
@@ -90,7 +92,8 @@ static int write_cubemaps_json(FILE *out, const void *what) {
     return 1;
 }
 
-/* Lists the files of a cube map after the .json, and checks that they can be written. Returns the exit status. */
+/* Lists the files of one cube map as targets after the .json, and checks that they can be written. Returns the exit
+   status. */
 static int find_cubemap_files(const cubemaps *c, int number) {
     const size_t folder = strlen(common.output);
     char name[64];
@@ -114,7 +117,7 @@ static int find_cubemap_files(const cubemaps *c, int number) {
     return status == DONE ? targets_check_read(c->task->file) : status;
 }
 
-/* Creates the folder and lists the .json. Returns the exit status. */
+/* Creates the folder and adds the .json to the targets. Returns the exit status. */
 static int find_cubemaps(void) {
     struct stat info;
     int status;
@@ -138,15 +141,16 @@ static int keep_cubemap(cubemaps *c, int number) {
     return status;
 }
 
-/* ---- the room around a probe ---- */
+/* ---- the box of a room around a probe ---- */
 
-/* Returns the distance from the probe to a side (+x -x +y -y +z -z) of the scene's bounds; negative: it is beyond. */
+/* Returns the distance from the probe to one side (+x -x +y -y +z -z) of the bounds of the scene. It is negative if the
+   probe is beyond this side. */
 static double cube_reach(const cubemaps *c, const float at[3], int side) {
     const int k = side / 2;
     return side % 2 ? (double)at[k] - (double)c->bounds.lowest[k] : (double)c->bounds.highest[k] - (double)at[k];
 }
 
-/* Adds the surfaces in the picture of a face to the walls. */
+/* Adds the surfaces that the picture of a face shows to the histograms of the walls. */
 static sbl_result add_walls(const cubemaps *c, const float at[3], int pixels, cube_wall walls[6]) {
     image position = { 0 }, normal = { 0 };
     sbl_result result = picture_read(c->task->context, pixels, pixels, SBL_CHANNEL_POSITION, &position);
@@ -170,8 +174,9 @@ static sbl_result add_walls(const cubemaps *c, const float at[3], int pixels, cu
     return result;
 }
 
-/* Sets the box of a probe. A wall fills two neighbouring bins at most. It must fill as much as 1 % of a face; without
-   such a wall the box ends at the bounds of the scene, or at the probe if it is outside. */
+/* Sets the box of a probe from the histograms of its walls. A wall fills at most two neighbouring bins, and must fill
+   at least as much as 1 % of a face. Where none does, the box ends at the bounds of the scene, or at the probe if it is
+   outside of them. */
 static void find_box(const cubemaps *c, const cube_wall walls[6], cube_facts *f) {
     const double least = 0.01 * c->size * c->size;
     int side, i;
@@ -193,7 +198,7 @@ static void find_box(const cubemaps *c, const cube_wall walls[6], cube_facts *f)
 
 /* ---- baking ---- */
 
-/* Describes the picture of a face. */
+/* Describes the picture of a face for sbl_begin_picture. */
 static void describe_face(cubemaps *c, const float at[3], int face, sbl_picture_desc *desc) {
     const float (*axes)[3] = cube_axes[face];
     const int pixels = c->size + 2 * CUBEMAP_MARGIN;
@@ -209,7 +214,8 @@ static void describe_face(cubemaps *c, const float at[3], int face, sbl_picture_
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
 }
 
-/* Copies a picture without its margin into a face of level 0. A face is the mirror image of what a camera sees. */
+/* Copies a picture without its margin to a face of level 0, mirrored, because the faces of cube maps are mirror
+   images. */
 static void copy_face(cubemaps *c, int face, const float *picture) {
     const int pixels = c->size + 2 * CUBEMAP_MARGIN;
     float *out = c->values[0] + 3 * (size_t)face * (size_t)c->size * (size_t)c->size;
@@ -224,7 +230,7 @@ static void copy_face(cubemaps *c, int face, const float *picture) {
             }
 }
 
-/* Makes level 0 and the box of a probe. */
+/* Renders level 0 of a cube map and finds the box of its probe. */
 static sbl_result draw_faces(cubemaps *c, int number) {
     const int pixels = c->size + 2 * CUBEMAP_MARGIN;
     static cube_wall walls[6];
@@ -242,7 +248,7 @@ static sbl_result draw_faces(cubemaps *c, int number) {
         result = sbl_begin_picture(c->task->context, &desc);
         if (result == SBL_SUCCESS) result = work(c->task->context);
         if (!sbl_query_stats(c->task->context).picture.visible_pixels)
-            c->task->said->warnings_kept = warnings;  /* a face may show nothing but the sky */
+            c->task->said->warnings_kept = warnings;  /* no warning, because a face may show only the sky */
         if (result == SBL_SUCCESS)
             result = picture_read(c->task->context, pixels, pixels, SBL_CHANNEL_FINAL, &picture);
         if (result == SBL_SUCCESS) copy_face(c, face, picture.values);
@@ -254,7 +260,7 @@ static sbl_result draw_faces(cubemaps *c, int number) {
     return result;
 }
 
-/* Makes all other levels from level 0. */
+/* Computes all further levels from level 0. */
 static sbl_result filter_levels(cubemaps *c) {
     cube_tree tree;
     int i, ok = cube_tree_make(&tree, c->size, c->values[0]);
@@ -264,7 +270,7 @@ static sbl_result filter_levels(cubemaps *c) {
     return !ok ? SBL_ERROR_OUT_OF_MEMORY : interrupted ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Finds out which positions are valid, and moves those that --move lets move. */
+/* Finds which positions are valid, and moves invalid ones as far as --move allows. */
 static sbl_result place_cubemaps(cubemaps *c) {
     sbl_probe *all = (sbl_probe *)calloc((size_t)c->count, sizeof *all);
     sbl_probes_desc desc;
@@ -278,7 +284,7 @@ static sbl_result place_cubemaps(cubemaps *c) {
     desc.probe_count = c->count;
     desc.move = (float)options.move;
     desc.options = common_options(given, &c->bar);
-    desc.options.mode = SBL_MODE_DIRECT;  /* the light is not used */
+    desc.options.mode = SBL_MODE_DIRECT;  /* the light is not needed */
     c->bar.to = 0.02;
     result = sbl_begin_probes(c->task->context, &desc);
     if (result == SBL_SUCCESS) result = work(c->task->context);
@@ -293,7 +299,7 @@ static void free_cubemaps(cubemaps *c) {
     free(c->facts);
 }
 
-/* Returns whether there is memory for the levels of a cube map and for the list of all. */
+/* Allocates the levels of a cube map and the list of all probes. Returns 0 if memory runs out. */
 static int begin_cubemaps(cubemaps *c, tool_task *task) {
     const progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     int i, ok;

@@ -1,22 +1,22 @@
-/* The lightmaps of sbl_bake: baked at once, in windows or in parts, joined, and written into a folder. sbl_bake.c
-   includes this file after its options. */
+/* The lightmaps of sbl_bake. It bakes them at once, in windows or in parts, joins them, and writes them into a folder.
+   sbl_bake.c includes this file after its options. */
 #ifndef SBL_BAKE_LIGHTMAP_H
 #define SBL_BAKE_LIGHTMAP_H
 
-/* ---- the files of a folder ---- */
+/* ---- the files in the output folder ---- */
 
-/* The pictures of a map: two, the harmonics, and those of light groups. */
+/* The pictures of a map: its light with and without gutters, the harmonics of --directional, and the light groups. */
 enum {
     MAP_LIGHT, MAP_ATLAS, MAP_SH, MAP_GROUPS = MAP_SH + 4, MAP_PICTURES = MAP_GROUPS + SBL_MAX_LIGHT_GROUPS
 };
 
-/* The files of a map. The picture p in format f is file f * MAP_PICTURES + p. */
+/* The files of a map. The file of picture p in format f has the index f * MAP_PICTURES + p. */
 enum {
     ATLAS_PNG = MAP_FORMATS * MAP_PICTURES, OVERLAP, PARTIAL, AO_PNG, SKY_PNG, AO_EXR, SKY_EXR, SHADOW_PNG, SHADOW_EXR,
     MAP_FILES
 };
 
-/* The files of the folder. The files of the maps follow, see map_target, and then the textures. */
+/* The targets: first the files of the scene, then the files of each map (see map_target), then the textures. */
 enum { GLTF = OWN_TARGETS, BIN, LIT_GLB, TABLE, MAPS };
 
 static const char *const names[MAPS] = {
@@ -27,14 +27,14 @@ static const struct { const char *base, *ending; } other_names[MAP_FILES - ATLAS
     { "atlas", ".png" }, { "overlap", ".png" }, { "lightmap", ".partial.pfm" }, { "ao", ".png" }, { "sky", ".png" },
     { "ao", ".exr" }, { "sky", ".exr" }, { "shadow", ".png" }, { "shadow", ".exr" }
 };
-static char *paths[TARGETS_MOST];
-static int folder_is_new;  /* 1: this run has created the folder */
-static int map_count;      /* number of maps of this run */
+static char *paths[TARGETS_MAX];
+static int folder_is_new;  /* 1: this run created the folder */
+static int map_count;      /* number of maps that this run bakes */
 
-/* Returns the number of the target of a file of a map. */
+/* Returns the index of the target for one file of a map. */
 static int map_target(int map, int file) { return MAPS + map * MAP_FILES + file; }
 
-/* Returns the name of a target without its folder. */
+/* Returns the file name of a target without its folder. */
 static const char *target_base(int target) {
     const char *const slash = strrchr(targets[target].name, '/');
     return slash ? slash + 1 : targets[target].name;
@@ -43,26 +43,26 @@ static const char *target_base(int target) {
 /* Returns the name of a file of a map without its folder. */
 static const char *map_file(int map, int file) { return target_base(map_target(map, file)); }
 
-/* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
-   status. */
-static int target_add(int number, size_t folder, const char *name) {
-    if (number >= TARGETS_MOST)
+/* Sets the target with the given index. folder: number of characters of common.output that name the folder. Returns the
+   exit status. */
+static int target_add(int index, size_t folder, const char *name) {
+    if (index >= TARGETS_MAX)
         return fail("%s: it has too many textures and lightmaps; --map bakes one lightmap", common.scene);
-    paths[number] = output__join(common.output, folder, name);
-    if (!paths[number]) return fail("out of memory");
-    output_find(&targets[number], paths[number]);
-    if (target_count <= number) target_count = number + 1;
+    paths[index] = output__join(common.output, folder, name);
+    if (!paths[index]) return fail("out of memory");
+    output_find(&targets[index], paths[index]);
+    if (target_count <= index) target_count = index + 1;
     return DONE;
 }
 
-/* Returns whether a picture of a map is written in a format. */
+/* Returns 1 if this run writes a picture of a map in a format. */
 static int map_is_written(int format, int picture) {
     if (!options.formats.wanted[format]) return 0;
     if (picture >= MAP_GROUPS) return picture - MAP_GROUPS < groups.list.count;
     return picture < MAP_SH || (given[DIRECTIONAL] && map_holds_negative((map_format)format));
 }
 
-/* Returns whether a file of a map may be written. */
+/* Returns 1 if this run may write a file of a map. */
 static int file_is_written(int file) {
 #ifndef SBL_RENDER_OPENEXR
     if (file == AO_EXR || file == SKY_EXR || file == SHADOW_EXR) return 0;
@@ -71,8 +71,8 @@ static int file_is_written(int file) {
     return file < AO_PNG || given[file < SHADOW_PNG ? AO : SHADOW_MASK];
 }
 
-/* Lists the files of a map. If there are several maps, the number of the map comes before the ending of a name. Returns
-   the exit status. */
+/* Adds the files of a map to the targets. If there are several maps, the names get the index of the map before their
+   ending. Returns the exit status. */
 static int list_map(int map) {
     char name[BAKE_GROUP_NAME + 64], number[16] = "";
     int i, status = DONE;
@@ -89,7 +89,7 @@ static int list_map(int map) {
     return status;
 }
 
-/* Creates the folder and lists the files of the scene in it. Returns the exit status. */
+/* Creates the output folder and adds the files of the scene to the targets. Returns the exit status. */
 static int find_files(void) {
     struct stat info, parts;
     int i, status = DONE;
@@ -107,7 +107,7 @@ static int find_files(void) {
     return status == DONE ? targets_check(target_count, given) : status;
 }
 
-/* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
+/* Adds the files of the textures of the scene to the targets, from the index `first` on. Returns the exit status. */
 static int find_textures(const scene_file *file, int first, size_t folder) {
     int i, status = DONE;
     for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
@@ -118,7 +118,7 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
-/* Finds the maps that are baked: all, or that of --map. Returns the exit status. */
+/* Chooses and checks the maps to bake: all, or the map of --map. Returns the exit status. */
 static int find_maps(scene_file *file) {
     int i, map, mapped = 0, last = file->map_count - 1;
     for (i = 0; i < file->scene.mesh_count; i++) mapped += file->maps[i] >= 0;
@@ -133,7 +133,7 @@ static int find_maps(scene_file *file) {
     if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
         return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
                     last + 1, table[given[PART] ? PART : JOIN].name, last);
-    if (!options.lightmap) options.lightmap = file->map_size;  /* auto */
+    if (!options.lightmap) options.lightmap = file->map_size;  /* --lightmap auto */
     if (!options.lightmap)
         return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);
     if (given[MAP]) scene_file_keep_map(file, options.map);
@@ -141,7 +141,7 @@ static int find_maps(scene_file *file) {
     return DONE;
 }
 
-/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
+/* Adds the files that depend on the content of the scene to the targets. Returns the exit status. */
 static int find_more_files(scene_file *file) {
     int i, status = find_maps(file);
     if (status == DONE) status = assign_groups(file);
@@ -155,34 +155,34 @@ static int find_more_files(scene_file *file) {
     return status == DONE ? targets_check(target_count, given) : status;
 }
 
-/* What the files of the scene need to know of a map. */
+/* The facts about a map that the files of the scene need. */
 typedef struct baked_map {
-    double range;            /* range of rgbm, see map_file.h */
-    int window_count;        /* 0: it was not baked in windows */
-    plan_folder folder;      /* of its windows; it stays until all maps are baked, so that --resume finds them */
+    double range;            /* range of rgbm; see map_file.h */
+    int window_count;        /* 0: the map was not baked in windows */
+    plan_folder folder;      /* folder of its windows; kept until all maps are baked, for --resume */
 } baked_map;
 
 /* The files of the scene, which refer to all maps. */
 typedef struct map_scene {
     baked_map *baked;        /* one per map */
     gltf_map *maps;
-    image *atlases;          /* have values only if scene_lit.glb is written */
+    image *atlases;          /* contain values only if scene_lit.glb is written */
     lit_scene lit;
     gltf_file gltf;
-    char extras[64];         /* gltf.extras */
+    char extras[64];         /* text of gltf.extras */
     const scene_file *file;
-    int texture;             /* number of the texture that is written next */
+    int texture;             /* index of the texture that is written next */
 } map_scene;
 
 typedef struct lightmap {
-    int number;              /* number of the map */
-    image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters. Their values may
-                                be the same array, which is light before the windows are joined, and then atlas */
-    image overlap;           /* has no values if charts do not overlap */
-    image harmonics[4];      /* have no values without --directional */
-    image groups[SBL_MAX_LIGHT_GROUPS];  /* have no values without --light-groups */
+    int index;               /* index of this map, from 0, in map_scene.baked and .maps */
+    image light, atlas;      /* light: R, 0 where there is no surface; atlas: R with gutters. Both may share one array,
+                                which holds `light` until the windows are merged and `atlas` afterwards */
+    image overlap;           /* has values only if charts overlap */
+    image harmonics[4];      /* have values only with --directional */
+    image groups[SBL_MAX_LIGHT_GROUPS];  /* have values only with --light-groups */
     map_source source;       /* the picture that is written next */
-    double intensity;        /* irradiance divided by the linear value of atlas.png */
+    double intensity;        /* irradiance for a linear value of 1 in atlas.png */
     map_scene *scene;
 } lightmap;
 
@@ -213,8 +213,8 @@ static int compare_floats(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels exceeds it; it is at most eight
-   times the mean of the lit texels. Returns 0 if memory runs out. */
+/* Returns the value of R that becomes white in 8 bits. A thousandth of the lit texels exceeds it, but it is at most
+   eight times the mean of the lit texels. Returns 0 if memory runs out. */
 static double bright(const image *light) {
     const size_t texels = (size_t)light->width * (size_t)light->height;
     float *most = (float *)malloc(texels * sizeof *most);
@@ -234,7 +234,7 @@ static double bright(const image *light) {
     return result;
 }
 
-/* Reads R, and sets it to 0 where there is no surface. */
+/* Reads R of the baked map, and sets texels without a surface to 0. */
 static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
     image id = { 0 };
     const size_t texels = (size_t)size * (size_t)size;
@@ -247,7 +247,7 @@ static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
-/* If triangles share texels, makes a picture of this: shared texels are red, other used texels grey. */
+/* If triangles share texels, makes l->overlap: shared texels are red, other used texels grey. */
 static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     image others = { 0 }, *shown = &l->overlap;
     const size_t texels = (size_t)size * (size_t)size;
@@ -268,14 +268,14 @@ static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
-/* Writes a file. Returns the exit status. */
+/* Writes one target. Returns the exit status. */
 static int keep_file(const void *what, int target, output_writer write) {
     if (interrupted) return stop("%s was not written", targets[target].name);
     if (target_write(&targets[target], write, what, 0)) return DONE;
     return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
 }
 
-/* Writes the pictures of a map from number `first` to number `last`, in all formats. Returns the exit status. */
+/* Writes the pictures of a map with the indices from `first` to `last` in all formats. Returns the exit status. */
 static int keep_maps(lightmap *l, int first, int last) {
     int format, k, status = DONE;
     for (format = 0; format < MAP_FORMATS; format++)
@@ -286,21 +286,22 @@ static int keep_maps(lightmap *l, int first, int last) {
                             k >= MAP_GROUPS ? &l->groups[k - MAP_GROUPS] : &l->harmonics[k - MAP_SH];
             l->source.format = (map_format)format;
             l->source.exact = options.formats.exact;
-            status = keep_file(l, map_target(l->number, format * MAP_PICTURES + k), write_map);
+            status = keep_file(l, map_target(l->index, format * MAP_PICTURES + k), write_map);
         }
     return status;
 }
 
-/* Finds what the formats need to know of R. Returns 0 if memory runs out. */
+/* Computes the range of rgbm and the intensity of atlas.png, and meters R for scene_lit.glb. Returns 0 if memory runs
+   out. */
 static int survey_light(lightmap *l) {
     map_survey s = { 0, 0, 0 };
     map_survey_of(&s, &l->light);
-    l->source.range = l->scene->baked[l->number].range = map_rgbm_range(s.most);
-    l->intensity = l->scene->maps[l->number].intensity = atan(1.0) * 4 * bright(&l->light);
+    l->source.range = l->scene->baked[l->index].range = map_rgbm_range(s.most);
+    l->intensity = l->scene->maps[l->index].intensity = atan(1.0) * 4 * bright(&l->light);
     return l->intensity > 0 && lit_meter(&l->scene->lit, &l->light);
 }
 
-/* Says what the formats do not hold, and how to read rgbm. */
+/* Warns about values that the chosen formats cannot store, and prints how to decode rgbm. */
 static void tell_formats(const lightmap *l) {
     const int halves = (options.formats.wanted[MAP_EXR] && !options.formats.exact) || options.formats.wanted[MAP_KTX2];
     map_survey s = { 0, 0, 0 };
@@ -314,7 +315,7 @@ static void tell_formats(const lightmap *l) {
     if (halves && s.above_half)
         warn("%.0f values of the map are above 65504, the largest 16-bit float, up to %.3g, and are lowered to it; "
              "--formats exr32 keeps them", (double)s.above_half, (double)s.most);
-    if (halves && s.most > 0 && s.most < 64 * MAP_HALF_LEAST)
+    if (halves && s.most > 0 && s.most < 64 * MAP_HALF_MIN)
         warn("the map is too dark for 16-bit floats: its largest value is %.3g; --formats exr32 keeps all digits",
              (double)s.most);
     if (options.formats.wanted[MAP_RGBM])
@@ -322,20 +323,20 @@ static void tell_formats(const lightmap *l) {
                 l->source.range, l->source.range);
 }
 
-/* Writes the files that show l->light (group 0) or all others (group 1) of a map. Returns the exit status. */
+/* Writes the files of a map. group: 0: those that show l->light; 1: all others. Returns the exit status. */
 static int keep_files(lightmap *l, int group) {
     int status;
     if (!group) return survey_light(l) ? keep_maps(l, MAP_LIGHT, MAP_LIGHT) : fail("out of memory");
     tell_formats(l);
     status = keep_maps(l, MAP_ATLAS, MAP_PICTURES - 1);
-    if (status == DONE) status = keep_file(l, map_target(l->number, ATLAS_PNG), write_atlas_png);
-    if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->number, OVERLAP), write_overlap);
+    if (status == DONE) status = keep_file(l, map_target(l->index, ATLAS_PNG), write_atlas_png);
+    if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->index, OVERLAP), write_overlap);
     return status;
 }
 
 /* ---- the files of the scene ---- */
 
-/* Begins with what is known before the maps. Returns 0 if memory runs out. */
+/* Sets the fields that do not depend on the baked maps. Returns 0 if memory runs out. */
 static int scene_begin(map_scene *s, const scene_file *file) {
     const size_t count = (size_t)map_count + 1;
     int i;
@@ -365,7 +366,7 @@ static void scene_end(map_scene *s) {
     free(s->maps);
 }
 
-/* Makes and writes the scene that any viewer shows. Returns the exit status. */
+/* Makes and writes scene_lit.glb. Returns the exit status. */
 static int keep_lit(map_scene *s) {
     lit_scene *l = &s->lit;
     if (!writes_lit()) return DONE;
@@ -410,7 +411,7 @@ static void put_map(FILE *out, int map) {
             fprintf(out, ", \"%s\": \"%s\"", other_names[others[i] - ATLAS_PNG].base, map_file(map, others[i]));
 }
 
-/* Writes the table of all maps, and of the nodes whose meshes are in them. */
+/* Writes maps.json: the maps, and the nodes whose meshes are in them. */
 static int write_table(FILE *out, const void *what) {
     const map_scene *s = (const map_scene *)what;
     const scene_file *f = s->file;
@@ -426,7 +427,7 @@ static int write_table(FILE *out, const void *what) {
     fprintf(out, "\n  ],\n  \"nodes\": [");
     for (i = 0; i < f->scene.mesh_count; i++) {
         const scene_file_place *p = &f->places[i];
-        if (f->maps[i] < 0 || (p->node >= 0 && p->node == last)) continue;  /* a node may have several meshes */
+        if (f->maps[i] < 0 || (p->node >= 0 && p->node == last)) continue;  /* a node with several meshes */
         last = p->node;
         fprintf(out, "%s\n    {\"name\": ", count++ ? "," : "");
         gltf__put_name(out, f->names[i]);
@@ -442,7 +443,7 @@ static int write_table(FILE *out, const void *what) {
 static int keep_scene(map_scene *s) {
     int i, status = DONE;
     snprintf(s->extras, sizeof s->extras, "{\"rgbm_range\": %.9g}", s->baked[0].range);
-    if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* otherwise in the table */
+    if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* else in maps.json */
     for (i = 0; i < s->file->scene.texture_count && status == DONE; i++) {
         s->texture = i;
         status = keep_file(s, map_target(map_count, i), write_texture);
@@ -455,32 +456,33 @@ static int keep_scene(map_scene *s) {
 
 /* ---- baking ---- */
 
-/* A lightmap that is being baked: what is baked, and in which windows. */
+/* A lightmap that is being baked, with its description and its windows. */
 typedef struct map_bake {
     tool_task *task;
     progress bar;
     sbl_lightmap_desc desc;
     windows windows;
-    image window;            /* the window that was baked last, in the components of map_channels */
+    image window;            /* the window that was baked last; its components are named in map_channels */
     lightmap map;
-    int *meshes;             /* numbers of the meshes in the map */
+    int *meshes;             /* indices of the meshes in the map */
     map_scene scene;
 } map_bake;
 
-/* Lets the bar go through step number `step` of `steps` between two shares of all work. */
+/* Sets the range of the progress bar to the step with the index `step`. The `steps` steps divide the range between two
+   shares of the work. */
 static void bar_step(progress *bar, double from, double to, int step, int steps) {
     bar->from = from + (to - from) * step / steps;
     bar->to = from + (to - from) * (step + 1) / steps;
 }
 
-/* Describes map number b->map.number. */
+/* Describes the map b->map.index for sbl_begin_lightmap. */
 static void describe_lightmap(map_bake *b) {
     const scene_file *file = b->task->file;
     sbl_lightmap_desc *desc = &b->desc;
     int i;
     memset(desc, 0, sizeof *desc);
     for (i = 0; i < file->scene.mesh_count; i++)
-        if (file->maps[i] == b->map.number) b->meshes[desc->mesh_count++] = i;
+        if (file->maps[i] == b->map.index) b->meshes[desc->mesh_count++] = i;
     desc->meshes = b->meshes;
     desc->width = desc->height = options.lightmap;
     if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
@@ -496,7 +498,7 @@ static void describe_lightmap(map_bake *b) {
 
 /* Saves R of an unfinished lightmap after a signal. Returns the exit status. */
 static int save_partial(map_bake *b) {
-    output_file *target = &targets[map_target(b->map.number, PARTIAL)];
+    output_file *target = &targets[map_target(b->map.index, PARTIAL)];
     const sbl_result result = read_light(b->task->context, &b->map, b->desc.width);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
     if (result == SBL_SUCCESS && target_write(target, write_partial, &b->map, 1))
@@ -505,7 +507,7 @@ static int save_partial(map_bake *b) {
     return stop("the unfinished lightmap cannot be written to %s: %s", target->name, why_not_written());
 }
 
-/* Bakes the map at once. Returns the exit status. */
+/* Bakes the map at once and writes its files. Returns the exit status. */
 static int bake_whole(map_bake *b, double *seconds) {
     sbl_context *context = b->task->context;
     lightmap *l = &b->map;
@@ -530,9 +532,9 @@ static int bake_whole(map_bake *b, double *seconds) {
 
 /* ---- baking in windows ---- */
 
-/* The components of the .exr file of a window: R; 1 where there is a surface, otherwise 0; the number of triangles that
-   overlap the one that the texel shows; then three for each layer of light: the harmonics of --directional, or the
-   groups of --light-groups. */
+/* The components of the .exr file of a window: R; 1 where there is a surface and 0 elsewhere; the number of further
+   triangles that overlap the texel; then three components for each layer, that is each harmonic of --directional or
+   each group of --light-groups. */
 enum { MAP_ALPHA = 3, MAP_OVERLAP, MAP_PLAIN };
 #define MAP_COLORS(name) name ".R", name ".G", name ".B"
 static const char *const map_channels[2][MAP_PLAIN + 3 * SBL_MAX_LIGHT_GROUPS] = {
@@ -542,12 +544,13 @@ static const char *const map_channels[2][MAP_PLAIN + 3 * SBL_MAX_LIGHT_GROUPS] =
       MAP_COLORS("group_7") }
 };
 
-/* Returns the number of layers besides R. */
+/* Returns the number of layers in addition to R. */
 static int map_layers(void) { return given[DIRECTIONAL] ? 4 : groups.list.count; }
 
 static int map_components(void) { return MAP_PLAIN + 3 * map_layers(); }
 
-/* Returns a hash of the scene and of the lightmap_texcoords of the map, which the fingerprint leaves out. */
+/* Returns a hash of the scene and of the lightmap_texcoords of the map, which sbl_scene_fingerprint does not
+   include. */
 static unsigned long long map_hash(const map_bake *b) {
     const sbl_scene_desc *scene = &b->task->file->scene;
     const uint64_t fingerprint = sbl_scene_fingerprint(b->task->context);
@@ -555,13 +558,13 @@ static unsigned long long map_hash(const map_bake *b) {
     int i;
     for (i = 0; i < scene->mesh_count; i++) {
         const sbl_mesh *m = &scene->meshes[i];
-        if (b->task->file->maps[i] == b->map.number)
+        if (b->task->file->maps[i] == b->map.index)
             hash = plan_hash(hash, m->lightmap_texcoords.data, 2 * sizeof(float) * (size_t)m->vertex_count);
     }
     return hash;
 }
 
-/* Sets the facts that windows of this map have in common, except mean and price. */
+/* Sets the facts that all windows of this map share, except mean and price. */
 static void find_map_facts(map_bake *b) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    LIGHTMAP, GUTTER, PART, PLAN, JOIN, RESUME, FORMATS, LIT,
@@ -579,7 +582,7 @@ static void find_map_facts(map_bake *b) {
     plan_fact(p, FACT_PART, "%s", "");
 }
 
-/* Bakes a small map, which gives the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
+/* Bakes a small map to find the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
 static int look_at_map(void *user, plan_cost *cost) {
     map_bake *b = (map_bake *)user;
     const int across = options.lightmap * (options.supersample ? options.supersample : 1);
@@ -609,7 +612,7 @@ static double map_window_bytes(const void *user, const int window[4]) {
     return (double)sbl_lightmap_bytes(b->task->context, &desc) + 4.0 * (map_components() + 3) * window[2] * window[3];
 }
 
-/* Copies a channel of the baked window to the components of b->window from number `at` on. */
+/* Copies a channel of the baked window to the components of b->window from the index `at` on. */
 static sbl_result read_component(map_bake *b, sbl_channel channel, int at) {
     image one = { 0 }, *to = &b->window;
     const sbl_result result = picture_read(b->task->context, to->width, to->height, channel, &one);
@@ -641,7 +644,7 @@ static sbl_result bake_window(void *user, const int window[4]) {
     memcpy(out->at, window, sizeof out->at);
     out->width = window[2];
     out->height = window[3];
-    out->whole[0] = out->whole[1] = options.lightmap;
+    out->full[0] = out->full[1] = options.lightmap;
     out->components = map_components();
     out->channels = map_channels[given[LIGHT_GROUPS]];
     out->facts = b->windows.work.facts;
@@ -662,15 +665,15 @@ static int write_window(FILE *out, const void *what) {
 
 /* ---- joining windows ---- */
 
-/* The whole map that the windows are joined to. */
+/* The complete map, into which the windows are joined. */
 typedef struct joined_map {
-    float *light[1 + SBL_MAX_LIGHT_GROUPS];  /* R and the layers, 3 floats per texel */
+    float *light[1 + SBL_MAX_LIGHT_GROUPS];  /* R and the layers, with 3 floats per texel */
     float *alpha;                 /* 1 where there is a surface */
-    unsigned char *overlap;       /* per texel: 1 if triangles overlap there */
-    int any_overlap, shown;       /* shown: number of texels that show a surface */
+    unsigned char *overlap;       /* per texel: 1 if several triangles cover it */
+    int any_overlap, shown;       /* shown: number of texels with a surface */
 } joined_map;
 
-/* Spreads a band of rows, which begins at texel `first`, over the arrays of the map. */
+/* Copies a band of rows, starting at texel `first`, to the arrays of the map. */
 static void spread_band(joined_map *j, const float *band, size_t first, size_t texels) {
     const size_t n = (size_t)map_components();
     size_t i;
@@ -685,11 +688,12 @@ static void spread_band(joined_map *j, const float *band, size_t first, size_t t
     }
 }
 
-/* Returns DONE if --memory allows the whole map to be joined; otherwise the exit status. */
+/* Returns DONE if --memory suffices to join the complete map; otherwise reports that it does not and returns the exit
+   status. */
 static int check_memory(const map_bake *b) {
     const double size = options.lightmap, most = (double)b->task->file->memory;
-    const double own = 42.0 + 12 * map_layers();                   /* of joined_map and its gutters, per texel */
-    const double others = writes_lit() ? 12.0 * (map_count - 1) : 0;  /* of the atlases that are kept */
+    const double own = 42.0 + 12 * map_layers();                   /* bytes per texel of joined_map and its gutters */
+    const double others = writes_lit() ? 12.0 * (map_count - 1) : 0;  /* per texel: atlases for scene_lit.glb */
     const double bytes = (own + others) * size * size;
     if (bytes <= most) return DONE;
     return fail("the map of %.0f x %.0f texels needs about %.0f MB to be joined, and --memory allows %.0f MB; give "
@@ -697,7 +701,7 @@ static int check_memory(const map_bake *b) {
                 most / 1e6);
 }
 
-/* Allocates the arrays of the map, and reads the windows into them. Returns the exit status. */
+/* Allocates the arrays of the map and reads the windows into them. Returns the exit status. */
 static int read_windows(joined_map *j, picture_parts *parts) {
     const int size = options.lightmap, region[4] = { 0, 0, size, size };
     const size_t texels = (size_t)size * (size_t)size;
@@ -709,7 +713,7 @@ static int read_windows(joined_map *j, picture_parts *parts) {
     for (k = 0; k <= map_layers(); k++) ok = (j->light[k] = (float *)malloc(12 * texels)) != NULL && ok;
     if (!ok) {
         free(band);
-        return fail("out of memory: the whole map of %d x %d texels must fit into it to be joined", size, size);
+        return fail("out of memory: joining needs the complete map of %d x %d texels in memory", size, size);
     }
     for (y = 0; y < size && ok && !interrupted; y += PARTS_BAND) {
         const int rows = size - y < PARTS_BAND ? size - y : PARTS_BAND;
@@ -721,7 +725,7 @@ static int read_windows(joined_map *j, picture_parts *parts) {
     return ok ? DONE : fail("%s", parts->list.error);
 }
 
-/* Makes the picture of overlaps, if there are any. Returns 0 if memory runs out. */
+/* Makes the picture of overlapping triangles, if any overlap. Returns 0 if memory runs out. */
 static int show_overlap(const joined_map *j, image *out) {
     const size_t texels = (size_t)options.lightmap * (size_t)options.lightmap;
     size_t i;
@@ -737,7 +741,7 @@ static int show_overlap(const joined_map *j, image *out) {
     return out->values != NULL;
 }
 
-/* Makes the gutters and seams of the map. */
+/* Computes the gutters and seams of the joined map. */
 static sbl_result join_map(map_bake *b, joined_map *j) {
     sbl_windows_desc desc;
     sbl_result result;
@@ -751,7 +755,7 @@ static sbl_result join_map(map_bake *b, joined_map *j) {
     return result == SBL_SUCCESS ? work(b->task->context) : result;
 }
 
-/* Adds what is known after joining to the statistics of the windows. */
+/* Adds the statistics of the joined map to those of its windows. */
 static void describe_join(map_bake *b, const joined_map *j) {
     sbl_stats *stats = &b->task->stats;
     const sbl_stats own = sbl_query_stats(b->task->context);
@@ -763,7 +767,7 @@ static void describe_join(map_bake *b, const joined_map *j) {
     b->task->has_stats = 1;
 }
 
-/* Joins the windows and writes all files. Returns the exit status. */
+/* Joins the windows of a map and writes its files. Returns the exit status. */
 static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     lightmap *l = &b->map;
     joined_map j;
@@ -796,9 +800,9 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     return status;
 }
 
-/* ---- the three ways ---- */
+/* ---- joining parts, baking windows, baking a part ---- */
 
-/* Checks that the first part fits this run. Returns the exit status. */
+/* Checks that the facts of the first part equal those of this run. Returns the exit status. */
 static int check_joined(const map_bake *b, const part_list *list) {
     int i;
     for (i = 0; i < FACT_MEAN; i++)
@@ -836,10 +840,11 @@ static int join_folder(map_bake *b, double *seconds) {
     return status;
 }
 
-/* Bakes the windows that OUTPUT.parts does not hold yet, and joins all windows. Returns the exit status. */
+/* Bakes the windows that the folder OUTPUT.parts does not contain yet, and joins all windows. Returns the exit
+   status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
-    baked_map *baked = &b->scene.baked[b->map.number];
+    baked_map *baked = &b->scene.baked[b->map.index];
     int status = windows_make(&b->windows);
     if (status == DONE && given[PART])
         status = windows_join(&b->windows, b->windows.work.facts, SBL_CHANNEL_FINAL, 0);
@@ -857,7 +862,7 @@ static int bake_windows(map_bake *b, double *seconds) {
     return status;
 }
 
-/* Bakes the window of --part. Returns the exit status. */
+/* Bakes and writes the window of --part. Returns the exit status. */
 static int bake_map_part(map_bake *b, double *seconds) {
     const sbl_result result = bake_window(b, b->windows.region);
     *seconds = now() - b->task->start;
@@ -867,11 +872,11 @@ static int bake_map_part(map_bake *b, double *seconds) {
          : interrupted ? stop("nothing was written") : fail_to_write(common.output);
 }
 
-/* Decides whether the map is baked at once, in part, or in windows. Returns the exit status. */
+/* Decides whether the map is baked at once, in windows, or as one part. Returns the exit status. */
 static int divide_map(map_bake *b) {
-    static output_file folder;  /* the windows are beside it */
+    static output_file folder;  /* the folder of the windows is created next to it */
     static char path[PATH_MAX];
-    const int status = given[PART] ? DONE : check_memory(b);  /* a map that is baked at once needs more */
+    const int status = given[PART] ? DONE : check_memory(b);  /* baking at once needs even more memory */
     size_t length = strlen(common.output);
     windows *w = &b->windows;
     memset(w, 0, sizeof *w);
@@ -883,7 +888,7 @@ static int divide_map(map_bake *b) {
     w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE];
     w->given = given;
     while (length > 1 && common.output[length - 1] == '/') length--;
-    snprintf(path, sizeof path, map_count > 1 ? "%.*s_%d" : "%.*s", (int)length, common.output, b->map.number);
+    snprintf(path, sizeof path, map_count > 1 ? "%.*s_%d" : "%.*s", (int)length, common.output, b->map.index);
     folder.path = path;
     w->target = given[PART] ? &targets[ONE_FILE] : &folder;
     w->size[0] = w->size[1] = w->region[2] = w->region[3] = options.lightmap;
@@ -902,14 +907,14 @@ static int divide_map(map_bake *b) {
 #include "sbl_bake_occlusion.h"
 #include "sbl_bake_shadows.h"
 
-/* ---- the maps ---- */
+/* ---- all maps of a run ---- */
 
 /* Bakes a map and writes its files. Returns the exit status. */
 static int bake_map(map_bake *b, double *seconds) {
     const int extra = given[AO] ? AO : SHADOW_MASK;
     int status;
     describe_lightmap(b);
-    bar_step(&b->bar, 0, given[extra] ? 0.6 : 1, b->map.number, map_count);
+    bar_step(&b->bar, 0, given[extra] ? 0.6 : 1, b->map.index, map_count);
     status = divide_map(b);
     if (status == DONE && given[extra] && b->windows.work.count > 1)
         status = fail("%s: the map is baked in windows, which have neither occlusion nor shadows; raise --memory, or "
@@ -919,12 +924,12 @@ static int bake_map(map_bake *b, double *seconds) {
          : given[PART] ? bake_map_part(b, seconds) : bake_whole(b, seconds);
 }
 
-/* Frees a map, except what the files of the scene need. */
+/* Frees a map, except for the data that the files of the scene need. */
 static void free_map(map_bake *b) {
     lightmap *l = &b->map;
     int i;
     if (l->light.values == l->atlas.values) l->light.values = NULL;
-    if (writes_lit()) b->scene.atlases[l->number] = l->atlas;
+    if (writes_lit()) b->scene.atlases[l->index] = l->atlas;
     else free(l->atlas.values);
     free(l->light.values);
     free(l->overlap.values);
@@ -935,7 +940,7 @@ static void free_map(map_bake *b) {
     plan_free(&b->windows.work);
 }
 
-/* Bakes all maps with the same bounced light, which the first of them makes, and adds up their statistics. Returns the
+/* Bakes all maps and adds up their statistics. The first map computes the bounced light, which all share. Returns the
    exit status. */
 static int bake_maps(map_bake *b, double *seconds) {
     tool_task *task = b->task;
@@ -945,7 +950,7 @@ static int bake_maps(map_bake *b, double *seconds) {
         memset(&b->map, 0, sizeof b->map);
         memset(&task->stats, 0, sizeof task->stats);
         task->has_stats = 0;
-        b->map.number = i;
+        b->map.index = i;
         b->map.scene = &b->scene;
         status = bake_map(b, seconds);
         if (status == DONE && !task->has_stats) task->stats = sbl_query_stats(task->context);
@@ -958,13 +963,13 @@ static int bake_maps(map_bake *b, double *seconds) {
     return status;
 }
 
-/* Bakes occlusion and shadows in the layouts of the maps. They come last, because the scene loses its light. Returns
-   the exit status. */
+/* Bakes occlusion and shadow masks in the layouts of the maps. This comes last, because it removes the light from the
+   scene. Returns the exit status. */
 static int bake_extras(map_bake *b) {
     int i, status = DONE;
     if (given[AO] || given[SHADOW_MASK]) status = keep_store(b->task, given);
     for (i = 0; i < map_count && status == DONE; i++) {
-        b->map.number = i;
+        b->map.index = i;
         describe_lightmap(b);
         if (given[AO]) status = bake_occlusion(b);
         if (given[SHADOW_MASK] && status == DONE) status = bake_shadows(b);

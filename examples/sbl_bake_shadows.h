@@ -1,26 +1,27 @@
-/* The shadow mask of sbl_bake --shadow-mask: the visibility of lights in the layout of the map. sbl_bake_lightmap.h
-   includes this file after sbl_bake_occlusion.h.
+/* The shadow mask of sbl_bake --shadow-mask stores the visibility of lights in the layout of the lightmap.
+   sbl_bake_lightmap.h includes this file after sbl_bake_occlusion.h.
 
-   The visibility of a light is R from this light alone, divided by R without shadows. Two bakes measure both at the
-   same places of each texel, so that the quotient is right for cones, horizons and supersampling. The quotient is
-   formed before gutters and seams exist. They are then made of the quotient: if they were made of R, a gutter would
-   weight the visibility of its neighbours by their brightness, and seams would be changed in R alone. */
+   The visibility of a light is R from this light alone, divided by the same R without shadows. Two bakes measure both
+   at the same places of each texel, so that the quotient is also right for spot cones, at horizons and with
+   supersampling. Gutters and seams are computed after the division, from the visibility. If they were computed from R,
+   a gutter would weight the visibilities of its neighbours by their brightness, and the seams of only one R would be
+   corrected. */
 #ifndef SBL_BAKE_SHADOWS_H
 #define SBL_BAKE_SHADOWS_H
 
 enum { SHADOW_LIGHTS = 4 };
 static const char *const shadow_channels[SHADOW_LIGHTS] = { "R", "G", "B", "A" };
 
-/* The mask that is being made. */
+/* The mask that is being baked. */
 typedef struct shadow_mask {
     tool_task *task;
     map_bake *bake;                /* the bake of the lightmap */
-    const sbl_lightmap_desc *map;  /* describes the lightmap, in whose layout the mask is made */
-    sbl_lightmap_desc desc;        /* of the bakes */
+    const sbl_lightmap_desc *map;  /* description of the lightmap, whose layout the mask shares */
+    sbl_lightmap_desc desc;        /* description of the bakes for the mask */
     sbl_light lights[SHADOW_LIGHTS];
-    int count, bakes;              /* numbers of lights, and of bakes that were begun */
-    image mask;                    /* four components; those without a light are 1 */
-    float *light, *ids;            /* of one light: R, 3 floats per texel; ids: of charts, 0: no surface */
+    int count, bakes;              /* number of lights in the mask; number of bakes begun so far */
+    image mask;                    /* four components; a component without a light is 1 */
+    float *light, *ids;            /* of one light: R, 3 floats per texel; ids of charts, 0: no surface */
     size_t texels;
 } shadow_mask;
 
@@ -36,7 +37,7 @@ static int write_shadow_png(FILE *out, const void *what) {
     return map_write_bytes(out, mask, SHADOW_LIGHTS, map_row_of_shares, mask, NULL, 0);
 }
 
-/* Makes light number i white, and turns all others off. */
+/* Makes the light with the index i white and switches the others off. */
 static sbl_result choose_light(shadow_mask *m, int i) {
     const sbl_light *lights = m->task->scene->lights;
     int at, k;
@@ -49,19 +50,19 @@ static sbl_result choose_light(shadow_mask *m, int i) {
     return sbl_set_lights(m->task->context, m->lights, m->count);
 }
 
-/* Bakes R of light number i. */
+/* Bakes R from the light with the index i alone. */
 static sbl_result bake_light(shadow_mask *m, int i) {
     sbl_context *context = m->task->context;
     sbl_result result = choose_light(m, i);
-    bar_step(&m->bake->bar, 0.8, 1, 2 * m->count * m->bake->map.number + m->bakes++, 2 * m->count * map_count);
+    bar_step(&m->bake->bar, 0.8, 1, 2 * m->count * m->bake->map.index + m->bakes++, 2 * m->count * map_count);
     if (result == SBL_SUCCESS) result = sbl_begin_lightmap(context, &m->desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, m->light, 3 * m->texels);
     return result == SBL_SUCCESS ? sbl_read_channel(context, SBL_CHANNEL_ID, m->ids, m->texels) : result;
 }
 
-/* Bakes all lights: with shadows (is_open: 0), or in a scene where no surface casts a shadow (1). The second R divides
-   the first. */
+/* Bakes R of all lights. is_open: 0: with shadows; 1: no surface casts a shadow, and the visibility, the quotient of
+   both R, is stored in the mask */
 static sbl_result bake_lights(shadow_mask *m, int is_open) {
     const uint32_t flags = is_open ? SBL_MATERIAL_HIDDEN_FROM_SENSORS : 0;
     sbl_result result = set_dark_scene(m->task, 0, m->task->scene->lights, m->count, flags);
@@ -79,7 +80,7 @@ static sbl_result bake_lights(shadow_mask *m, int is_open) {
     return result;
 }
 
-/* Makes the gutters and seams of the visibility of light number i. */
+/* Adds gutters and seams to the visibility of the light with the index i. */
 static sbl_result continue_light(shadow_mask *m, int i) {
     sbl_windows_desc desc;
     sbl_result result;
@@ -103,9 +104,9 @@ static sbl_result continue_light(shadow_mask *m, int i) {
     return result;
 }
 
-/* Describes the bakes: a sensor at each place, with so many rays that soft shadows are smooth in 8 bits. Without
-   interpolation and filter, which mix the light of bright and dim places, the visibility of a light that is dim at a
-   texel is as exact as elsewhere. */
+/* Describes the bakes for the mask. Each texel has its own sensors, with enough rays for soft shadows that are smooth
+   in 8 bits. Interpolation and filter are off, because they would mix texels with much and little light; without them,
+   the visibility is as exact where a light is dim as elsewhere. */
 static void describe_shadows(shadow_mask *m) {
     static const int rays[3] = { 64, 256, 1024 };
     m->desc = *m->map;
@@ -119,7 +120,7 @@ static void describe_shadows(shadow_mask *m) {
     if (!given[RAYS]) m->desc.options.rays = rays[given[PRESET] ? common.preset : 1];
 }
 
-/* Tells which channel shows which light. */
+/* Prints which channel of the mask belongs to which light. */
 static void tell_lights(const scene_file *file) {
     const int more = file->scene.light_count - SHADOW_LIGHTS;
     int i;
@@ -128,7 +129,7 @@ static void tell_lights(const scene_file *file) {
     if (more > 0 && !given[QUIET]) tell("shadow.png: %d more light%s no channel", more, more > 1 ? "s have" : " has");
 }
 
-/* Bakes the mask. */
+/* Bakes the mask into m->mask. */
 static sbl_result make_shadows(shadow_mask *m) {
     sbl_result result;
     size_t i;
@@ -146,10 +147,10 @@ static sbl_result make_shadows(shadow_mask *m) {
     return result;
 }
 
-/* Bakes and writes the mask, in the layout of the map. Returns the exit status. */
+/* Bakes and writes the mask in the layout of the map. Returns the exit status. */
 static int bake_shadows(map_bake *b) {
-    const int lights = b->task->file->scene.light_count, png = map_target(b->map.number, SHADOW_PNG);
-    const int exr = map_target(b->map.number, SHADOW_EXR);
+    const int lights = b->task->file->scene.light_count, png = map_target(b->map.index, SHADOW_PNG);
+    const int exr = map_target(b->map.index, SHADOW_EXR);
     shadow_mask m;
     int status = DONE;
     sbl_result result;

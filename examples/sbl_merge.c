@@ -1,5 +1,5 @@
-/* Demonstrates a tool that joins parts to one file: the parts of a picture that sbl_render --part or --window has made,
-   or the probes or vertices that sbl_bake --part has baked, on one machine or on many. `sbl_merge --help` explains its
+/* A tool that joins parts into one file: the parts of a picture from sbl_render --part or --window, or the parts of
+   probes or vertices from sbl_bake --part. The parts may come from several machines. `sbl_merge --help` explains its
    options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
@@ -14,8 +14,8 @@
 #include "tool_options.h"
 
 static struct options {
-    const char *output, *parts[PARTS_MOST];
-    double exposure;  /* NaN is auto */
+    const char *output, *parts[PARTS_MAX];
+    double exposure;  /* NaN: automatic */
     int help_all;
 } options = { .exposure = NAN };
 
@@ -29,7 +29,7 @@ static const tool_option table[OPTION_COUNT] = {
                  "a bake: .json or .ply" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
                    "each stop doubles the brightness of a .png; default auto: the exposure that\n"
-                   "sbl_render found for the whole. Not for parts of channel display", exposure_words },
+                   "sbl_render chose for the complete picture. Not for parts of channel display", exposure_words },
     [QUIET] = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no warnings" },
     [HELP] = { "--help", "[all]", FLAG_OR_WORD, &options.help_all, 0, 0, 0, "also -h; this text", help_words },
     [VERSION] = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version" }
@@ -58,9 +58,9 @@ static int ends_with(const char *path, const char *ending) {
 }
 
 static const char *const formats[] = { ".png", ".pfm", ".exr", ".json", ".ply", NULL };
-enum { PICTURE_FORMATS = 3 };  /* number of formats of pictures, which come first in `formats` */
+enum { PICTURE_FORMATS = 3 };  /* number of picture formats, which come first in `formats` */
 
-/* The parts. The ending of the output decides which of the two lists is used: `bakes` if is_bake is 1. */
+/* The parts are in `bakes` if is_bake is 1, otherwise in `pictures`. The ending of the output name decides. */
 static int is_bake;
 static picture_parts pictures;
 static bake_parts bakes = { .cancel = &interrupted };
@@ -68,7 +68,7 @@ static bake_parts bakes = { .cancel = &interrupted };
 static part_list *parts_given(void) { return is_bake ? &bakes.list : &pictures.list; }
 
 static int parse(int argc, char **argv) {
-    const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MOST };
+    const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MAX };
     const int status = tool_parse(&command);
     int i;
     if (status != DONE || given[HELP] || given[VERSION]) return status;
@@ -84,7 +84,7 @@ static int parse(int argc, char **argv) {
 
 static int add_part(const char *name) { return is_bake ? bake_add(&bakes, name) : parts_add(&pictures, name); }
 
-/* Adds the files of a folder that have the ending of parts. Returns whether that succeeded. */
+/* Adds the files of a folder whose names end like those of parts. Returns 1 on success. */
 static int add_folder(const char *folder) {
     int i, count = 0, ok;
     char **names = parts_folder(parts_given(), folder, !is_bake ? ".exr" : bakes.is_ply ? ".ply" : ".json", &count);
@@ -94,7 +94,8 @@ static int add_folder(const char *folder) {
     return ok;
 }
 
-/* Returns the channel that a fact names; of the channels, only those that a .png shows in a special way matter. */
+/* Returns the channel that a fact names. Only channels that a .png shows in a special way are distinguished; all others
+   become SBL_CHANNEL_FINAL. */
 static sbl_channel channel_of(const char *name) {
     static const struct { const char *name; sbl_channel channel; } words[] = {
         { "albedo", SBL_CHANNEL_ALBEDO }, { "normal", SBL_CHANNEL_NORMAL }, { "position", SBL_CHANNEL_POSITION },
@@ -108,7 +109,7 @@ static sbl_channel channel_of(const char *name) {
     return SBL_CHANNEL_FINAL;
 }
 
-/* Decides how the file shows the picture, and says what that loses. */
+/* Chooses the channel and exposure for the output, and warns if highlights are lost. */
 static void show_picture(parts_job *job) {
     const char *channel = pictures.list.facts[FACT_CHANNEL].text;
     job->channel = channel_of(channel);
@@ -120,11 +121,12 @@ static void show_picture(parts_job *job) {
              "display");
 }
 
-/* Returns whether the parts could be read, and are the whole. job: receives the region of a picture */
+/* Reads the parts. Returns 1 if all could be read and together they are complete. Sets job->region, which is used only
+   for pictures. */
 static int read_parts(parts_job *job) {
     struct stat info;
     int i, ok = 1;
-    for (i = 0; i < PARTS_MOST && options.parts[i] && ok; i++)
+    for (i = 0; i < PARTS_MAX && options.parts[i] && ok; i++)
         ok = stat(options.parts[i], &info) == 0 && S_ISDIR(info.st_mode) ? add_folder(options.parts[i])
                                                                          : add_part(options.parts[i]);
     job->region[2] = pictures.frame.width;
@@ -132,7 +134,7 @@ static int read_parts(parts_job *job) {
     return ok && (is_bake ? bake_check(&bakes) : parts_check(&pictures, job->region));
 }
 
-/* Joins the parts and writes the file. Returns the exit status. */
+/* Joins the parts and writes the output file. Returns the exit status. */
 static int merge(void) {
     parts_job job = { &pictures, options.output, { 0, 0, 0, 0 }, NULL, SBL_CHANNEL_FINAL, 0, &interrupted };
     bake_parts *all = &bakes;

@@ -1,5 +1,5 @@
-/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics.
-   `sbl_render --help` explains its options. */
+/* A complete tool on top of sbl.h: reads a scene file, renders it, and writes a picture and statistics. `sbl_render
+   --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -32,7 +32,7 @@ enum { NO_TONE, NEUTRAL, AGX };
 static struct options {
     int channel, inspect[2], samples, tone, window[4];
     part_choice part;
-    double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
+    double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN means automatic */
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
@@ -56,17 +56,17 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal |\n"
+                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal "
+                  "|\n"
                   "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
                   "light in\n"
                   "the cells of the store) | error (predicted standard error of the luminance of final where there "
                   "are\n"
-                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (the same "
-                  "of R\n"
-                  "always) | display (what a screen shows: final, exposed and with --tone; a .png of final shows it "
-                  "by itself) |\n"
+                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (always "
+                  "that of\n"
+                  "R) | display (final with exposure and --tone, as in a .png of final) |\n"
                   "looks (how often each sensor measured) | specular (mean radiance in the lobe of a reflection) |\n"
-                  "specular_albedo (the share of it that final shows)",
+                  "specular_albedo (final contains specular times specular_albedo)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
@@ -101,27 +101,26 @@ static const tool_option table[OPTION_COUNT] = {
     [WINDOW] = { "--window", "X,Y,W,H", INTEGERS, options.window, 4, 0, 16384,
                  "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. Parts "
                  "fit\n"
-                 "together; in mode gi, give all the same --store. A small picture of the whole is made first, for "
-                 "the\n"
-                 "exposure and for the mean of --target-error. A .exr file stores where the part lies (data window) "
-                 "and the\n"
-                 "size of the whole" },
+                 "together; in mode gi, give all the same --store. A small preview of the complete picture is made\n"
+                 "first, for the exposure and for the mean of --target-error. A .exr file stores the position of "
+                 "the part (data window)\n"
+                 "and the size of the complete picture" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
-               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is an "
-               ".exr\n"
-               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
-               "made\n"
-               "first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
+               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is "
+               "an .exr\n"
+               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small preview of the complete\n"
+               "picture is made first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
-               "exists, it\n"
-               "is loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers "
-               "must\n"
+               "FILE holds the windows of all parts, and the mean, the price and the exposure of the complete "
+               "picture. If it\n"
+               "exists, it is loaded; otherwise it is made. Needs --part. Parts that are made with different "
+               "graphics drivers must\n"
                "share one FILE" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "goes on with a picture that an interrupted run was making window by window: one larger than 4096 x "
-                 "4096\n"
-                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is removed\n"
+                 "continues a picture that an interrupted run was making window by window, because it is larger "
+                 "than 4096 x 4096\n"
+                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is "
+                 "removed\n"
                  "at the end; while it exists, a run without --resume is refused" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
@@ -200,12 +199,13 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
-/* Returns whether no light need be measured: the channel shows only surfaces, without --inspect and --store. */
+/* Returns 1 if the channel shows only surfaces and neither --inspect nor --store needs light, so that no light is
+   measured. */
 static int needs_no_light(sbl_channel channel) {
     return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && !given[INSPECT] && !given[STORE];
 }
 
-/* Notes options that have no effect on the picture. */
+/* Notes the options that have no effect on this picture. */
 static void note_effects(void) {
     const sbl_channel channel = channels[options.channel];
     const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_DISPLAY ||
@@ -226,7 +226,7 @@ static void note_effects(void) {
             "only channel final in a .png, and channel display, have a tone");
 }
 
-/* Reads the value of --part. Returns the exit status. */
+/* Reads the value of --part and checks the options that go with it. Returns the exit status. */
 static int parse_part(void) {
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
     if (!given[PART]) return DONE;
@@ -239,13 +239,14 @@ static int parse_part(void) {
     return plan_part_and_output(&options.part);
 }
 
-/* Reads which frames are made, if any are. With frames, a part is a share of them. Returns the exit status. */
+/* Reads the options that choose frames. With frames, --part gives each machine a share of them. Returns the exit
+   status. */
 static int parse_frames(void) {
     int status = frames_parse(given, &options.part);
     if (status != DONE || !frames.first) return status;
     if (given[INSPECT]) return misuse("--inspect draws one sensor; leave out --cameras and --frames");
-    if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part is whole frames: leave it "
-                                   "out");
+    if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part consists of complete "
+                                   "frames: omit --plan");
     given[PART] = 0;
     return DONE;
 }
@@ -288,9 +289,10 @@ static int parse(int argc, char **argv) {
 
 /* ---- output files ---- */
 
-enum { PICTURE = OWN_TARGETS, PARTIAL };  /* PARTIAL: an unfinished picture, room.partial.png */
+enum { PICTURE = OWN_TARGETS, PARTIAL };  /* PARTIAL: an unfinished picture, such as room.partial.png */
 
-/* Lists the files that may be written, and checks them, see targets_check. Returns the exit status. */
+/* Lists the files that this run may write, and checks the first `checked` of them (see targets_check). Returns the exit
+   status. */
 static int find_targets(int checked) {
     static char partial[PATH_MAX];
     const char *ending = strrchr(common.output, '.');
@@ -303,8 +305,8 @@ static int find_targets(int checked) {
     return targets_check(checked, given);
 }
 
-/* Checks the files of all frames, and finds those of the first frame. file: the scene, or NULL if it is not read yet.
-   Returns the exit status. */
+/* Checks the files of all frames and lists those of the first frame. file: the scene, or NULL if it has not been read
+   yet. Returns the exit status. */
 static int check_frames(scene_file *file) {
     char folder[PATH_MAX + 16];
     int n, status = DONE;
@@ -320,7 +322,7 @@ static int check_frames(scene_file *file) {
     return status;
 }
 
-/* A picture as a file shows it. name: only its ending matters, which selects the format */
+/* A picture and the way a file shows it. name: only its ending is used, which selects the format */
 typedef struct view { const char *name; const image *picture; sbl_channel channel; double stops; } view;
 
 static int write_shown(FILE *out, const void *what) {
@@ -328,15 +330,15 @@ static int write_shown(FILE *out, const void *what) {
     return picture_write(out, s->name, s->picture, s->channel, s->stops);
 }
 
-/* Returns whether the output is what a screen shows: exposed and tone-mapped. */
+/* Returns 1 if the output is exposed and tone-mapped for a screen. */
 static int is_display(sbl_channel channel) {
     if (channel == SBL_CHANNEL_DISPLAY) return !given[INSPECT];
     return ends_with(common.output, ".png") && channel == SBL_CHANNEL_FINAL && options.tone != NO_TONE &&
            !given[INSPECT];
 }
 
-/* Says what would help if more than a tenth of a picture for a screen is white or black. stops: exposure that the
-   values do not contain yet; chosen: the whole exposure */
+/* Warns if more than a tenth of a picture for a screen is white or black, and says what would help. stops: the exposure
+   that the values do not contain yet; chosen: the total exposure */
 static void warn_of_extremes(messages *said, const image *picture, double stops, double chosen) {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
     const float scale = (float)pow(2, stops);
@@ -356,11 +358,11 @@ static void warn_of_extremes(messages *said, const image *picture, double stops,
                    100.0 * (double)blacks / (double)pixels, chosen);
 }
 
-/* Writes the picture; after a signal, the unfinished picture. done: progress, 0 to 1. Returns the exit status. */
+/* Writes the picture, or after a signal the unfinished picture. Returns the exit status. done: progress from 0 to 1 */
 static int keep_picture(const view *s, float done) {
     if (!interrupted && target_write(&targets[PICTURE], write_shown, s, 0)) return DONE;
     if (!interrupted) return fail_to_write(common.output);
-    if (frames.now) return INTERRUPTED + interrupted;  /* render_frames says what is finished */
+    if (frames.now) return INTERRUPTED + interrupted;  /* render_frames reports which frames are finished */
     if (!target_write(&targets[PARTIAL], write_shown, s, 1))
         return stop("the unfinished picture cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
     return stop("the unfinished picture (%.0f %%) is in %s", floor(100 * (double)done), targets[PARTIAL].name);
@@ -370,7 +372,7 @@ static int keep_picture(const view *s, float done) {
 
 enum { DISC = 512 };
 
-/* Draws the sensor's views or rays into shown, and prints its sums. */
+/* Draws the views or rays of a sensor into shown, and prints its sums. */
 static sbl_result inspect(sbl_context *context, image *shown) {
     sbl_sensor s;
     const int x = options.inspect[0], y = options.inspect[1];
@@ -401,9 +403,9 @@ static sbl_result inspect(sbl_context *context, image *shown) {
     return result;
 }
 
-/* ---- camera and light, where the file and the options leave them open ---- */
+/* ---- the choice of the camera and of the light, as far as file and options leave them open ---- */
 
-static struct { float world_to_view[16], view_to_clip[16]; survey seen; } placed;  /* the camera */
+static struct { float world_to_view[16], view_to_clip[16]; survey seen; } placed;  /* the current camera */
 
 static void describe_camera(const camera_view *c, const survey *s) {
     char words[256];
@@ -411,14 +413,14 @@ static void describe_camera(const camera_view *c, const survey *s) {
     detail("camera: %s: %s", c->where, words);
 }
 
-/* Returns whether black behind the scene is shown as a grey backdrop: for screens, if the file has light of its own and
-   no option chooses a sky. */
+/* Returns 1 if a grey backdrop replaces the black behind the scene. This is so for screens, if the file has its own
+   light and no option chooses a sky. */
 static int wants_backdrop(const scene_file *file) {
     return is_display(channels[options.channel]) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
 }
 
-/* Places the camera of the picture or frame. chosen, shot: receive it without and with the options. Returns the exit
-   status. */
+/* Places the camera of the picture or frame. Returns the exit status. chosen: receives the camera without the options;
+   shot: with them */
 static int place_camera(const tool_task *task, camera_view *chosen, camera_view *shot) {
     const int *set = frames_options(given);
     if (!frames_choose(chosen, task->file, set, &placed.seen)) return frames_misuse();
@@ -426,8 +428,8 @@ static int place_camera(const tool_task *task, camera_view *chosen, camera_view 
     return camera_place(placed.world_to_view, placed.view_to_clip, shot, set, &placed.seen) ? DONE : frames_misuse();
 }
 
-/* Chooses the camera, and the light of a file without light. If there are frames, the camera is that of frame 1, after
-   all have been checked. */
+/* Chooses the camera, and the light of a file without light. With frames, first checks all cameras, then places the
+   camera of frame 1. Returns the exit status. */
 static int arrange(tool_task *task, sbl_scene_desc *scene) {
     const int relight = given[STUDIO] ||
         (lit_by_us(&task->file->scene, given) && common_mode(given) != SBL_MODE_PAPER);
@@ -452,13 +454,13 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     return relight ? studio_set(task, scene, s, &chosen, shot.eye, given[STUDIO]) : DONE;
 }
 
-/* ---- a target error that was not reached ---- */
+/* ---- a missed target error ---- */
 
-/* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
-   reduce. They reduce their own part only to 0.84 of the target, or to half of the part of stored light if that is
-   more. A smaller target can make up for stored light. */
+/* Writes why the target was missed and what would help. Stored light causes a part of the error that sensors cannot
+   reduce. Sensors reduce the rest only to 0.84 of the target, or to half of the part of stored light if that is more.
+   Therefore a smaller target can compensate for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
-    enum { CELLS_MOST = 1 << 20 };
+    enum { CELLS_MAX = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.radiance_error;
     const double specular = (double)s->picture.specular_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
@@ -467,9 +469,9 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     if (expected * expected - stored * stored <= fmax(target * target, stored * stored) && specular <= target) {
         if (left2 > 0.04 * target * target)
             snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
-        if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
-            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MOST / 4 ? 4 * cells
-                                                                                                : CELLS_MOST);
+        if (cells < CELLS_MAX)  /* more cells are smaller, but each is measured with fewer rays */
+            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MAX / 4 ? 4 * cells
+                                                                                                : CELLS_MAX);
         snprintf(out, size, "stored light limits it%s%s", smaller, more);
     } else if (!given[TARGET_ERROR])
         snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",
@@ -477,19 +479,20 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
 }
 
-/* Each part of the error, by light and by reflections, is held to the target; both together may exceed it. */
+/* Warns if the target was missed. The error of the light and the error of the reflections are each held to the target;
+   both together may exceed it. */
 static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     const double larger = fmax((double)s->picture.radiance_error, (double)s->picture.specular_error);
     char help[256];
-    if (frames.now) return;  /* render_frames warns once, of all frames */
+    if (frames.now) return;  /* render_frames warns once for all frames */
     if (!(target > 0) || !(larger > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
-    if (expected > 1) return;  /* errors are relative to the mean, which is almost 0: the picture is black */
+    if (expected > 1) return;  /* the picture is black: errors are relative to its mean, which is almost 0 */
     advise(s, help, sizeof help);
     warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
 }
 
-/* Notes that a backdrop fills more than a tenth of the picture. */
+/* Prints a note if a backdrop fills more than a tenth of the picture. */
 static void note_backdrop(const sbl_stats *s) {
     const double pixels = (double)s->picture.width * s->picture.height;
     if (10 * (pixels - s->picture.visible_pixels) > pixels)
@@ -503,7 +506,7 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
     desc->height = camera.size[1];
     desc->options = common_options(given, bar);
     if (needs_no_light(channels[options.channel]) && common_mode(given) != SBL_MODE_PAPER)
-        desc->options.mode = SBL_MODE_DIRECT;  /* does the least work before it draws surfaces */
+        desc->options.mode = SBL_MODE_DIRECT;  /* this mode does the least work before it draws surfaces */
     desc->target_error = (float)options.target_error;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;
@@ -518,28 +521,29 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
         if (wants_backdrop(file)) memcpy(desc->backdrop, studio_backdrop, sizeof desc->backdrop);
     }
     desc->samples = channels[options.channel] == SBL_CHANNEL_FINAL || is_display(channels[options.channel])
-                        ? options.samples : 1;  /* other channels show pixel centres */
+                        ? options.samples : 1;  /* all other channels show the pixel centres */
 }
 
-/* ---- one picture, or one window of it ---- */
+/* ---- one picture, or one of its windows ---- */
 
-/* A picture that is being made: what is made, and which parts of it. */
+/* A picture that is being rendered, with its description and its windows. */
 typedef struct shot {
     tool_task *task;
     progress bar;
     sbl_picture_desc desc;
     sbl_channel channel;
-    windows windows;      /* what the output shows, and in which windows it is made */
-    image picture;        /* the window that was made last */
-    double exposure;      /* of all frames, in stops; NaN: a picture has its own */
+    windows windows;      /* the region of the output and its windows */
+    image picture;        /* the window that was rendered last */
+    double exposure;      /* common exposure of all frames in stops; NaN: each picture is exposed by itself */
 } shot;
 
-/* Returns the exit status after a signal, if there is no picture yet. */
+/* Returns the exit status for a signal that came before any picture existed. */
 static int stop_early(void) {
     return frames.now ? INTERRUPTED + interrupted : stop("there is no picture yet");
 }
 
-/* Makes the picture of shot.desc and reads its channel. late: 1: reads an unfinished picture after a signal */
+/* Renders the picture of s->desc and reads its channel into s->picture. late: 1: after a signal, reads the unfinished
+   picture */
 static sbl_result make_picture(shot *s, int late) {
     sbl_context *context = s->task->context;
     const int *w = s->desc.window;
@@ -547,7 +551,7 @@ static sbl_result make_picture(shot *s, int late) {
     sbl_result result = sbl_begin_picture(context, &s->desc);
     if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
     else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
-    if (result == SBL_UNFINISHED && !interrupted) result = SBL_SUCCESS;  /* the channel can be read before the end */
+    if (result == SBL_UNFINISHED && !interrupted) result = SBL_SUCCESS;  /* the channel is already complete */
     clear_progress(&s->bar);
     stats = sbl_query_stats(context);
     free(s->picture.values);
@@ -557,19 +561,19 @@ static sbl_result make_picture(shot *s, int late) {
                           is_display(s->channel) ? SBL_CHANNEL_DISPLAY : s->channel, &s->picture);
     if (w[2]) {
         memcpy(s->picture.at, w, sizeof s->picture.at);
-        memcpy(s->picture.whole, camera.size, sizeof s->picture.whole);
+        memcpy(s->picture.full, camera.size, sizeof s->picture.full);
     }
     s->picture.facts = s->windows.has_facts ? s->windows.work.facts : NULL;
     return result;
 }
 
-/* Returns the exposure of a .png in stops that the values of the channel do not contain. */
+/* Returns the exposure of a .png in stops, as far as the values of the channel do not contain it. */
 static double stops_of(const shot *s) {
     double stops = is_display(s->channel) ? 0 : (double)sbl_query_stats(s->task->context).picture.exposure;
     return picture_is_error(s->channel) && isnan(options.exposure) ? stops + PICTURE_ERROR_STOPS : stops;
 }
 
-/* Makes the output in one piece. Returns the exit status. */
+/* Renders the output at once and writes it. Returns the exit status. */
 static int render_whole(shot *s, double *seconds) {
     sbl_context *context = s->task->context;
     const sbl_result result = make_picture(s, !frames.now);
@@ -591,9 +595,9 @@ static int render_whole(shot *s, double *seconds) {
     return DONE;
 }
 
-/* ---- large pictures: window by window ---- */
+/* ---- large pictures, rendered in windows ---- */
 
-/* Sets the facts that parts of this picture have in common, except mean and exposure. */
+/* Sets the facts that all parts of this picture share, except mean and exposure. */
 static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    SIZE, EYE, LOOK_AT, UP, FOV, CAMERAS, FRAMES, FPS, CHANNEL, WINDOW, PART, PLAN,
@@ -612,7 +616,7 @@ static void find_facts(shot *s) {
     plan_fact(p, FACT_PART, "%s", "");
 }
 
-/* Takes mean, price and exposure from the facts. */
+/* Sets mean, price and exposure from the facts. */
 static void use_facts(void *user) {
     shot *s = (shot *)user;
     double exposure = 0;
@@ -622,8 +626,8 @@ static void use_facts(void *user) {
     s->desc.auto_exposure = 0;
 }
 
-/* Makes a small picture of the whole, which gives the mean, the price, the exposure and, if cost is not NULL, the cost.
-   Returns the exit status. */
+/* Renders a small version of the full picture to find the mean, the price, the exposure and, if cost is not NULL, the
+   cost. Returns the exit status. */
 static int look_at_whole(void *user, plan_cost *cost) {
     shot *s = (shot *)user;
     const double shrink = plan_small(s->desc.width > s->desc.height ? s->desc.width : s->desc.height);
@@ -668,14 +672,14 @@ static int write_window(FILE *out, const void *what) {
     return picture_write(out, ".exr", &s->picture, s->channel, 0);
 }
 
-/* Joins the finished windows. Returns the exit status. */
+/* Joins the finished windows and writes the output. Returns the exit status. */
 static int join_windows(const shot *s) {
     double stops = is_display(s->channel) ? 0 : (double)s->desc.exposure;
     if (picture_is_error(s->channel) && isnan(options.exposure)) stops += PICTURE_ERROR_STOPS;
     return windows_join(&s->windows, given[PART] || given[WINDOW] ? s->windows.work.facts : NULL, s->channel, stops);
 }
 
-/* Makes the output window by window, in the folder. Returns the exit status. */
+/* Renders the output in windows, which are stored in a folder, and joins them. Returns the exit status. */
 static int render_windows(shot *s, double *seconds) {
     int status = windows_make(&s->windows);
     if (status == DONE) status = join_windows(s);
@@ -686,7 +690,8 @@ static int render_windows(shot *s, double *seconds) {
     return DONE;
 }
 
-/* Decides what is made: the region, its windows, and the mean and exposure of the whole. Returns the exit status. */
+/* Decides which region is rendered, divides it into windows, and finds the mean and exposure of the full picture.
+   Returns the exit status. */
 static int divide(shot *s) {
     windows *w = &s->windows;
     w->noun = "picture";
@@ -709,9 +714,9 @@ static int divide(shot *s) {
     return windows_choose(w);
 }
 
-/* ---- the whole tool ---- */
+/* ---- the main program ---- */
 
-/* Draws what the sensor at a pixel sees. Returns the exit status. */
+/* Draws what the sensor at a pixel sees, for --inspect. Returns the exit status. */
 static int render_sensor(shot *s, double *seconds) {
     sbl_context *context = s->task->context;
     view all = { common.output, &s->picture, SBL_CHANNEL_FINAL, 0 };
@@ -734,7 +739,7 @@ static int render_sensor(shot *s, double *seconds) {
     return result == SBL_SUCCESS ? keep_picture(&all, 1) : fail_with(s->task->said, common.scene, result);
 }
 
-/* Begins the picture of the camera that is placed now. */
+/* Initialises s for the camera that is placed now. */
 static void begin_shot(shot *s) {
     s->bar.from = s->bar.to = s->bar.last = 0;
     s->bar.start = now();
@@ -749,7 +754,7 @@ static void begin_shot(shot *s) {
     s->desc.exposure = (float)s->exposure;
 }
 
-/* Makes and writes a picture. Returns the exit status. */
+/* Renders and writes a picture. Returns the exit status. */
 static int render_shot(shot *s, double *seconds) {
     int status;
     begin_shot(s);
@@ -768,7 +773,8 @@ static int render_shot(shot *s, double *seconds) {
     return status;
 }
 
-/* Makes a small picture of frame 1, whose camera is placed, if all frames get its exposure. Returns the exit status. */
+/* If all frames share one exposure, finds it in a small picture of frame 1, whose camera must be placed. Returns the
+   exit status. */
 static int expose_frames(shot *s) {
     int status;
     begin_shot(s);
@@ -778,7 +784,7 @@ static int expose_frames(shot *s) {
     return status;
 }
 
-/* Makes frame n, and adds its statistics to sum. Returns the exit status. */
+/* Renders frame n and adds its statistics to sum. Returns the exit status. */
 static int render_frame(shot *s, int n, sbl_stats *sum, double *seconds) {
     camera_view chosen, shown;
     const double before = sum->picture.visible_pixels;
@@ -800,7 +806,7 @@ static int render_frame(shot *s, int n, sbl_stats *sum, double *seconds) {
     return needs_no_light(s->channel) ? DONE : keep_store(s->task, given);
 }
 
-/* Makes the frames, each as soon as the one before is written. Returns the exit status. */
+/* Renders and writes the frames one after the other. Returns the exit status. */
 static int render_frames(shot *s, double *seconds) {
     sbl_stats sum;
     int n = frames.first, status = expose_frames(s);

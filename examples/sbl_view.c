@@ -1,5 +1,5 @@
-/* Demonstrates a viewer on top of sbl.h, in the GL context of a window: the picture gets better while the camera and
-   the lights can be moved. `sbl_view --help` explains its options, and the key H those of the window. */
+/* A viewer on top of sbl.h, in the GL context of a window: the picture improves while the user may move the camera and
+   the lights. `sbl_view --help` explains its options, and the key H prints the keys. */
 #define _GNU_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
@@ -28,7 +28,7 @@
 
 static struct options {
     int channel, samples, tone;
-    double target_error, exposure;  /* exposure: NaN is auto */
+    double target_error, exposure;  /* exposure: NaN means automatic */
     const char *histogram;
 } options = { .tone = 1, .exposure = NAN };
 
@@ -156,12 +156,12 @@ static int parse(int argc, char **argv) {
 
 /* ---- the state of the viewer ---- */
 
-enum { NOTHING, PREVIEW, PICTURE };  /* what was begun last */
+enum { NOTHING, PREVIEW, PICTURE };  /* the kind of picture that was begun last */
 
-#define VIEW_SLICE 0.008    /* seconds; how long sbl.h may work between two looks at the mouse */
-#define VIEW_REST 0.25      /* seconds without movement, after which the picture is begun */
-#define VIEW_REDRAW 0.033   /* seconds between two drawings while sbl.h works */
-#define VIEW_COLORS 0.25    /* seconds between two drawings of a channel in false colours, which take longer */
+#define VIEW_SLICE 0.008    /* seconds that sbl.h may work before the viewer reads the mouse again */
+#define VIEW_REST 0.25      /* seconds without movement until the final picture is begun */
+#define VIEW_REDRAW 0.033   /* seconds between two drawings of the window while sbl.h works */
+#define VIEW_COLORS 0.25    /* the same for channels in false colours, which take longer to draw */
 enum { VIEW_SHRINK = 4, VIEW_SMALLEST = 48, VIEW_CLICK = 4, VIEW_MARK = 12, TITLE_SIZE = 512 };
 
 static struct view {
@@ -169,28 +169,28 @@ static struct view {
     tool_task *task;
     sbl_context *context;
     survey seen;
-    camera_view chosen, camera;     /* the first camera; the camera now */
-    int size[2];                    /* of the window's framebuffer */
-    int stage, work_size[2];        /* what was begun last, and its size */
-    sbl_result result;              /* of the last step */
-    int has_picture;                /* 1: the work has shown something */
-    int dirty;                      /* 1: the camera, a light, the size or the mode has changed since the work began */
+    camera_view chosen, camera;     /* the camera at the start, and the current camera */
+    int size[2];                    /* size of the window's framebuffer */
+    int stage, work_size[2];        /* the kind of picture that was begun last, and its size */
+    sbl_result result;              /* result of the last step */
+    int has_picture;                /* 1: the picture that was begun last has been shown at least once */
+    int dirty;                      /* 1: the camera, a light, the size or the mode has changed since then */
     int redraw;                     /* 1: the window must be drawn again */
-    double moved, drawn, titled;    /* times of the last change, of the last drawing, and of the last title */
+    double moved, drawn, titled;    /* times of the last change, the last drawing, and the last title */
     sbl_mode mode;
     int channel, tone;
-    double exposure;                /* stops; NaN: auto */
-    double metered;                 /* stops that auto exposure chose last; NaN: none yet */
-    int work_tone, work_metered;    /* of the work: its tone; 1: it chooses its exposure itself */
-    double work_exposure;           /* of the work, if it does not choose it */
-    int stored;                     /* 1: the bounced light of the scene is known */
-    sbl_light *lights;              /* copies of the lights of the scene, which move */
-    int light_count, light;         /* light: the selected one, or -1 */
-    int lights_moved, lights_ever;  /* 1: they differ from those of the context; from those of the file */
-    int button, dragged, on_light;  /* mouse: button that is held or -1; 1: it has moved; 1: it drags the light */
+    double exposure;                /* in stops; NaN: automatic */
+    double metered;                 /* the last automatic exposure in stops; NaN: none yet */
+    int work_tone, work_metered;    /* tone of the picture that was begun last; 1: its exposure is automatic */
+    double work_exposure;           /* exposure of that picture if it is not automatic */
+    int stored;                     /* 1: the store holds the bounced light of the scene */
+    sbl_light *lights;              /* copies of the lights of the scene, which the user may move */
+    int light_count, light;         /* light: index of the selected light, or -1 */
+    int lights_moved, lights_ever;  /* 1: they differ from those of the context; 1: from those of the file */
+    int button, dragged, on_light;  /* mouse: held button or -1; 1: it was dragged; 1: it drags the light */
     double mouse[2], pressed[2], pivot[3];
-    int click[2], clicked;          /* the pixel whose sensor is asked for; 1: it is not shown yet */
-    int status, saves;              /* exit status; 1: the picture is to be saved */
+    int click[2], clicked;          /* the pixel whose sensor the user asked for; 1: it has not been shown yet */
+    int status, saves;              /* exit status; 1: save the picture when it is finished */
 } view = { .exposure = NAN, .metered = NAN, .light = -1, .button = -1 };
 
 static const sbl_scene_desc *view_scene(void) { return view.task->scene; }
@@ -198,22 +198,22 @@ static const sbl_scene_desc *view_scene(void) { return view.task->scene; }
 static int unfinished(void) { return view.stage != NOTHING && view.result == SBL_UNFINISHED; }
 static int finished(void) { return view.stage == PICTURE && view.result == SBL_SUCCESS; }
 
-/* Notes that the picture is to be made again. */
+/* Marks the picture as outdated after a change. */
 static void change(void) {
     view.dirty = 1;
     view.moved = now();
     overlay.has_sensor = view.clicked = 0;
 }
 
-/* Returns the exposure of what the window shows. */
+/* Returns the exposure of the shown picture in stops. */
 static double shown_exposure(void) {
     if (!isnan(view.exposure)) return view.exposure;
     return isnan(view.metered) ? 0 : view.metered;
 }
 
-/* ---- work of sbl.h ---- */
+/* ---- rendering ---- */
 
-/* Returns whether black behind the scene is shown as a grey backdrop, as sbl_render does in a .png. */
+/* Returns 1 if a grey backdrop replaces the black behind the scene, as in a .png of sbl_render. */
 static int wants_backdrop(void) { return !given[SKY] && !given[STUDIO] && is_lit(&view.task->file->scene); }
 
 static void fill_desc(sbl_picture_desc *desc, int stage) {
@@ -258,7 +258,7 @@ static int give_up(const char *what, sbl_result result) {
     return 0;
 }
 
-/* Begins a preview or the picture. Returns 0 on failure. */
+/* Begins a preview or the final picture. Returns 0 on failure. */
 static int begin(int stage) {
     const double start = steps__clock(CLOCK_MONOTONIC);
     sbl_picture_desc desc;
@@ -274,7 +274,7 @@ static int begin(int stage) {
     camera.size[0] = view.size[0];
     camera.size[1] = view.size[1];
     fill_desc(&desc, stage);
-    if (!camera_matrices(desc.world_to_view, desc.view_to_clip, &view.camera)) return 1;  /* it moves on */
+    if (!camera_matrices(desc.world_to_view, desc.view_to_clip, &view.camera)) return 1;  /* until it moves */
     result = sbl_begin_picture(view.context, &desc);
     if (result != SBL_SUCCESS) return give_up(common.scene, result);
     memcpy(overlay.world_to_view, desc.world_to_view, sizeof desc.world_to_view);
@@ -287,7 +287,8 @@ static int begin(int stage) {
     return 1;
 }
 
-/* Returns the channel of the work that holds what the window shows. */
+/* Returns the channel to read for the window. The channel display fits only if tone and exposure have not changed since
+   the picture was begun. */
 static sbl_channel channel_to_show(void) {
     const int same = view.tone == view.work_tone && !view.dirty &&
         (view.work_metered ? isnan(view.exposure) : fabs(shown_exposure() - view.work_exposure) < 1e-9);
@@ -295,7 +296,7 @@ static sbl_channel channel_to_show(void) {
     return same ? SBL_CHANNEL_DISPLAY : SBL_CHANNEL_FINAL;
 }
 
-/* Lets the window show a channel in false colours. */
+/* Draws a channel in false colours into the window. */
 static void show_colors(sbl_channel channel) {
     image picture = { 0, 0, 0, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     picture_range range = picture_no_range;
@@ -313,7 +314,7 @@ static void show_colors(sbl_channel channel) {
     free(rgb);
 }
 
-/* Takes what the work has so far into the frame. */
+/* Copies the current state of the picture into the frame. */
 static void take_picture(void) {
     const sbl_channel channel = channel_to_show();
     view_source source = { 0, 0, 0, 0, { 0, 0, 0 } };
@@ -332,7 +333,7 @@ static void take_picture(void) {
     view.has_picture = 1;
 }
 
-/* Lets sbl.h work for a slice. Returns 0 on failure. */
+/* Lets sbl.h work for one slice of time. Returns 0 on failure. */
 static int work_on(void) {
     steps_enter(view.context);
     view.result = sbl_step(view.context, VIEW_SLICE);
@@ -352,7 +353,7 @@ static int work_on(void) {
     return 1;
 }
 
-/* Decides what sbl.h works on, and lets it work. Returns 0 on failure. */
+/* Begins a preview or the final picture if that is due, and lets sbl.h work. Returns 0 on failure. */
 static int advance(void) {
     const int seen = view.has_picture || !unfinished();
     if (view.dirty && (view.stage != PREVIEW || seen) && !begin(PREVIEW)) return 0;
@@ -360,7 +361,7 @@ static int advance(void) {
     return !unfinished() || work_on();
 }
 
-/* ---- the sensor of a pixel ---- */
+/* ---- inspecting the sensor of a pixel ---- */
 
 static void look_into_sensor(void) {
     const float factor = (float)pow(2, shown_exposure());
@@ -379,7 +380,7 @@ static void look_into_sensor(void) {
 
 /* ---- drawing ---- */
 
-/* Returns the place of a light's mark in the world. A directional light has its mark beside the scene. */
+/* Computes the world position of the mark of a light. A directional light has its mark beside the scene. */
 static void light_place(const sbl_light *light, double out[3]) {
     const double reach = survey__radius(&view.seen) > 0 ? 0.5 * survey__radius(&view.seen) : 1;
     double way[3];
@@ -469,7 +470,7 @@ static int write_saved(FILE *out, const void *what) {
     return picture_write(out, s->name, s->picture, s->channel, s->stops);
 }
 
-/* Chooses the name of the file: that of --output, or the first number that is free. */
+/* Returns the file name to save to: the name of --output, or the first numbered name that does not exist yet. */
 static const char *name_to_save(void) {
     static char name[64];
     int i;
@@ -481,7 +482,8 @@ static const char *name_to_save(void) {
     return name;
 }
 
-/* Reads what is saved: what the window shows for a .png, otherwise the values of the channel. */
+/* Reads the picture to save: for a .png the shown picture, otherwise the values of the channel. Returns 0 on
+   failure. */
 static int read_to_save(saved *s, image *picture) {
     if (view.channel || !scene__ends_with(s->name, ".png")) {
         s->channel = channels[view.channel];
@@ -489,7 +491,7 @@ static int read_to_save(saved *s, image *picture) {
         return picture_read(view.context, view.work_size[0], view.work_size[1], s->channel, picture) == SBL_SUCCESS;
     }
     take_picture();
-    s->channel = SBL_CHANNEL_FINAL;  /* exposed and tone-mapped already */
+    s->channel = SBL_CHANNEL_FINAL;  /* the values are already exposed and tone-mapped */
     s->stops = 0;
     picture->width = view_gl.size[0];
     picture->height = view_gl.size[1];
@@ -530,7 +532,7 @@ static void on_window_error(int code, const char *text) {
     snprintf(window_error, sizeof window_error, "%.250s", text);
 }
 
-/* Opens the window, after the scene was read. Returns the exit status. */
+/* Opens the window, once the scene has been read. Returns the exit status. */
 static int open_window(scene_file *file) {
     int k, actual[2];
     (void)file;
@@ -547,7 +549,7 @@ static int open_window(scene_file *file) {
     if (!host_gl_load(TOOL_NAME, glfwGetProcAddress) || !view_gl_start()) return FAILED;
     glfwGetFramebufferSize(view.window, &actual[0], &actual[1]);
     if (actual[0] > 0 && actual[1] > 0 && (actual[0] != camera.size[0] || actual[1] != camera.size[1]))
-        /* a screen with several pixels per point: --size counts pixels */
+        /* the screen has several pixels per unit of window size, but --size counts pixels */
         glfwSetWindowSize(view.window, (int)((double)camera.size[0] * camera.size[0] / actual[0] + 0.5),
                           (int)((double)camera.size[1] * camera.size[1] / actual[1] + 0.5));
     for (k = 0; k < 2; k++) view.size[k] = camera.size[k];
@@ -593,7 +595,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     return relight ? studio_set(task, scene, s, &view.chosen, view.camera.eye, given[STUDIO]) : DONE;
 }
 
-/* One turn of the loop. Returns 0 on failure. */
+/* Runs one pass of the main loop. Returns 0 on failure. */
 static int turn(void) {
     const double wait = view.channel ? VIEW_COLORS : VIEW_REDRAW;
     const int idle = !unfinished() && !view.dirty && view.stage == PICTURE && !view.redraw && !view.clicked;
@@ -613,7 +615,7 @@ static int turn(void) {
     return 1;
 }
 
-/* Shows the window until it is closed. Returns the exit status. */
+/* Shows the window until the user closes it. Returns the exit status. */
 static int show(tool_task *task, double *seconds) {
     view.task = task;
     view.context = task->context;
@@ -627,7 +629,7 @@ static int show(tool_task *task, double *seconds) {
     memcpy(view.lights, task->scene->lights, (size_t)view.light_count * sizeof *view.lights);
     first_camera = view.camera;
     if (!given[QUIET]) tool__warn(task->file, task, given);
-    given[QUIET] = 1;  /* warnings are told once */
+    given[QUIET] = 1;  /* the warnings were just printed; this prevents repeating them */
     view.redraw = view.dirty = 1;
     while (!glfwWindowShouldClose(view.window) && !interrupted && view.status == DONE && turn()) continue;
     alarm(0);
@@ -637,7 +639,7 @@ static int show(tool_task *task, double *seconds) {
     return view.status;
 }
 
-/* Lists the files that may be written, and checks them. Returns the exit status. */
+/* Lists the files that this run may write, and checks them. Returns the exit status. */
 static int find_targets(void) {
     targets_begin();
     if (given[OUTPUT]) output_find(&targets[OWN_TARGETS], common.output);

@@ -13,7 +13,7 @@
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
-/* ---- files: assimp reads them from memory, so that they can be edited first ---- */
+/* ---- file access of assimp, which reads from memory so that files can be edited before ---- */
 
 typedef struct scene__stream { scene__bytes bytes; size_t at; int shared; } scene__stream;
 typedef struct scene__main_file { scene_file *file; const char *path; scene__bytes bytes; } scene__main_file;
@@ -22,8 +22,8 @@ static scene__stream *scene__of(struct aiFile *file) { return (scene__stream *)(
 
 static size_t scene__read(struct aiFile *file, char *out, size_t size, size_t count) {
     scene__stream *s = scene__of(file);
-    size_t whole = size ? (s->bytes.size - s->at) / size : 0;
-    if (count > whole) count = whole;
+    size_t available = size ? (s->bytes.size - s->at) / size : 0;
+    if (count > available) count = available;
     memcpy(out, s->bytes.data + s->at, size * count);
     s->at += size * count;
     return count;
@@ -38,7 +38,7 @@ static void scene__flush(struct aiFile *file) { (void)file; }
 static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrigin origin) {
     scene__stream *s = scene__of(file);
     size_t from = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? s->at : s->bytes.size;
-    /* negative offsets work, because unsigned addition wraps around */
+    /* negative offsets work, too, because unsigned addition wraps around */
     if (from + offset > s->bytes.size) return aiReturn_FAILURE;
     s->at = from + offset;
     return aiReturn_SUCCESS;
@@ -77,11 +77,12 @@ static void scene__close(struct aiFileIO *io, struct aiFile *file) {
     free(file);
 }
 
-/* assimp reads "v .5 -.5 0" as a line with one number. This function inserts a zero before each leading point. */
+/* Inserts a zero before each leading decimal point of an OBJ file, because assimp reads "v .5 -.5 0" as a line with a
+   single number. */
 static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
     size_t i, inserted = 0, pass;
     char *out = NULL;
-    for (pass = 0; pass < 2; pass++) {  /* first pass: count; second pass: copy */
+    for (pass = 0; pass < 2; pass++) {  /* the first pass counts, the second copies */
         int vertex = 0, line_start = 1;
         char last = '\n';
         if (pass == 1) {
@@ -116,21 +117,21 @@ typedef struct scene__reader {
     int is_gltf;
     sbl_material *materials;
     scene__pictures pictures;
-    int not_matte;       /* 1: a material says so; see scene__gloss */
-    int *left_out;       /* one per material; 1: it is cut out everywhere, so its meshes are left out */
-    unsigned *uv_set;    /* one per material: its set of texture coordinates */
-    float *opacity;      /* one per material: multiplies the alpha of vertex colours */
-    char *shown, *posed; /* one per material, and one per mesh of the file; 1: it is used, or used with a rest pose */
-    sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
-    sbl_mesh *meshes;    /* one per use of a mesh */
+    int not_matte;       /* 1: a material is glossy, metallic or transmissive; see scene__gloss */
+    int *left_out;       /* one per material; 1: its surface is cut out everywhere, so its meshes are omitted */
+    unsigned *uv_set;    /* one per material: index of its set of texture coordinates */
+    float *opacity;      /* one per material: factor for the alpha of vertex colours */
+    char *shown, *posed; /* one per material, 1: used; one per mesh, 1: used, with bones or morph targets */
+    sbl_mesh *shared;    /* one per mesh of the file: its arrays, which all uses share */
+    sbl_mesh *meshes;    /* one per use of a mesh by a node */
     const char **names, **light_names;
     int *maps;
     scene_file_place *places;
     size_t use_count;
-    double triangles, vertices;  /* totals over all uses of meshes */
+    double triangles, vertices;  /* sums over all uses of meshes */
     unsigned best_camera;
-    const struct aiNode *camera_node;  /* node of best_camera; NULL: the file has no camera */
-    scene__motion motion;              /* of camera_node, if frames are asked for */
+    const struct aiNode *camera_node;  /* node of best_camera; NULL if the file has no camera */
+    scene__motion motion;              /* of camera_node, if the options ask for frames */
     struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* lights of the file, sorted by name */
     sbl_light *lights;
 } scene__reader;
@@ -180,10 +181,10 @@ static float scene__number(const struct aiMaterial *m, const char *key, unsigned
     return aiGetMaterialFloatArray(m, key, type, index, &value, NULL) == aiReturn_SUCCESS ? value : otherwise;
 }
 
-/* The name of a material, and what scene_gltf.h has added to it. */
+/* The name of a material, and the facts that scene_gltf.h has appended to it. */
 typedef struct scene__told { char name[256]; int is_told, bits; float ior; } scene__told;
 
-/* Removes from the name what scene__name_materials has added. */
+/* Splits a material name into the original name and the facts that scene__name_materials appended. */
 static scene__told scene__told_by(const scene__reader *r, const struct aiMaterial *m) {
     struct aiString name;
     scene__told out;
@@ -220,9 +221,9 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
 
 static int scene__illum(const struct aiMaterial *m) { return (int)scene__number(m, AI_MATKEY_OBJ_ILLUM, 0); }
 
-/* Returns the share of light that glass of an OBJ file lets pass, or 0 if the material is no glass: 1 - d if d is below
-   1, otherwise 0.9 if Ni is above 1. Without that condition, everything that Maya exports would be glass: it has illum
-   4, and Ni 1. */
+/* Returns the transmission of the glass of an OBJ file, or 0 if the material is not glass. It is 1 - d if d is below 1,
+   otherwise 0.9 if Ni is above 1. The condition on Ni is needed because Maya writes illum 4 with Ni 1 for every
+   material. */
 static float scene__glass(const struct aiMaterial *m) {
     const float opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
     const int illum = scene__illum(m);
@@ -231,16 +232,16 @@ static float scene__glass(const struct aiMaterial *m) {
     return scene__number(m, AI_MATKEY_REFRACTI, 0) > 1 ? 0.9f : 0;
 }
 
-/* How much of a surface exists. */
+/* The alpha of a material. */
 typedef struct scene__alpha {
-    float cutoff, opacity;  /* cutoff: 0: there is no cutoff */
-    int is_blended;         /* 1: the alpha is a share of the surface, if the file is not matte */
+    float cutoff, opacity;  /* cutoff: 0 if there is none */
+    int is_blended;         /* 1: the alpha is a coverage, unless the file is matte */
     int has_mask;
     scene__use_of_picture mask;
 } scene__alpha;
 
-/* Reads alphaMode and the alpha of a glTF file, or the opacity in other formats. In matte files, a partly transparent
-   surface is cut out where its alpha is below 0.5, and glass is like any other surface. */
+/* Reads alphaMode and alpha of a glTF file, or the opacity in other formats. In matte files, a partly transparent
+   surface is cut out where its alpha is below 0.5, and glass is opaque. */
 static scene__alpha scene__alpha_of(const struct aiMaterial *m, int is_matte) {
     struct aiString mode;
     scene__alpha out;
@@ -261,12 +262,12 @@ static scene__alpha scene__alpha_of(const struct aiMaterial *m, int is_matte) {
     return out;
 }
 
-/* Returns whether nothing of a surface exists. Textures and vertex colours can only reduce the opacity. */
+/* Returns 1 if a surface is invisible everywhere. Textures and vertex colours can only reduce its opacity further. */
 static int scene__is_gone(const scene__alpha *a, int is_matte) {
     return a->cutoff > a->opacity || (a->is_blended && !is_matte && a->opacity <= 0);
 }
 
-/* ---- metal and gloss: the rule for a whole file is on top of scene_file.h ---- */
+/* ---- metal and gloss; scene_file.h describes the rule for a file at its top ---- */
 
 static int scene__shading(const struct aiMaterial *m) {
     int shading = 0;
@@ -279,7 +280,7 @@ static void scene__make_matte(sbl_material *m) {
     m->specular_texture = 0;
 }
 
-/* Limits a value, and returns whether it was outside. */
+/* Clamps a value to a range. Returns 1 if this changed it. */
 static int scene__clamp(float *value, float low, float high) {
     const float before = *value;
     if (!(*value >= low)) *value = low;
@@ -287,16 +288,17 @@ static int scene__clamp(float *value, float low, float high) {
     return !(*value >= before && *value <= before);
 }
 
-/* Converts the highlight of a format other than glTF. A material with a roughness (Pr and Pm in OBJ) is read by that.
-   Otherwise it is:
+/* Converts the highlight of a format other than glTF. If the material has a roughness (Pr and Pm in OBJ), that is used.
+   Otherwise the material is:
 
        matte   if it has no highlight: illum below 2 in OBJ, in other formats a shading model other than Phong, Blinn or
                Cook-Torrance; or if Ks is black
        metal   if illum is 3 or more, Ks above 0.5 in a component, and Kd below 0.05 in all; its colour is Ks
        glossy  in all other cases; its index of refraction is Ni if that is above 1, otherwise 1.5
 
-   roughness = (2 / (Ns + 2))^(1/4): roughness^2 is the width of a lobe of microfacets, which resembles a Phong lobe if
-   Ns = 2 / width^2 - 2 (Walter et al., Microfacet Models for Refraction, 2007). Glass is never metal. */
+   The roughness becomes (2 / (Ns + 2))^(1/4), because roughness^2 is the width of a microfacet lobe, and such a lobe
+   resembles a Phong lobe with Ns = 2 / width^2 - 2 (Walter et al., Microfacet Models for Refraction, 2007). Glass is
+   never metal. */
 static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
     const int shading = scene__shading(m);
     const int has_highlight = shading == aiShadingMode_Phong || shading == aiShadingMode_Blinn ||
@@ -320,13 +322,13 @@ static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
     }
 }
 
-/* Makes glass of OBJ a thin pane. `share` of the light passes and is tinted by Tf, the rest meets the diffuse colour
-   Kd. sbl.h has one colour for both: the sum of the two, of which `transmission` is the part that passes. Only the hue
-   of Tf is used, because programs disagree about its brightness: it is divided by its largest component. Black means
-   white. */
+/* Converts the glass of an OBJ file to a thin pane. A `share` of the light is transmitted and tinted by Tf; the rest is
+   reflected with the diffuse colour Kd. sbl.h has one colour for both, which becomes the sum of the two; `transmission`
+   is the transmitted share of this sum. Tf is divided by its largest component, because programs disagree about its
+   brightness; a black Tf counts as white. */
 static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *out) {
     struct aiColor4D color;
-    float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, whole = 0;
+    float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, sum = 0;
     int k;
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_TRANSPARENT, &color) == aiReturn_SUCCESS) {
         filter[0] = color.r; filter[1] = color.g; filter[2] = color.b;
@@ -336,33 +338,33 @@ static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *
         const float tint = share * (most > 0 && most < 1e30f ? fmaxf(filter[k] / most, 0) : 1);
         out->albedo[k] = (1 - share) * out->albedo[k] + tint;
         clear += tint;
-        whole += out->albedo[k];
+        sum += out->albedo[k];
     }
-    out->transmission = clear / whole;
+    out->transmission = clear / sum;
 }
 
-/* Reads metal and gloss of a .gltf, without their texture. */
+/* Reads metal and gloss of a glTF material, except for their texture. */
 static void scene__gltf_gloss(const struct aiMaterial *m, const scene__told *told, sbl_material *out) {
     const float glossiness = scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1);
     out->ior = told->ior;
     out->metallic = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 1);
     out->roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, 1);
     if (glossiness < 0) return;
-    /* KHR_materials_pbrSpecularGlossiness; the texture of its gloss is not read */
+    /* KHR_materials_pbrSpecularGlossiness, without its gloss texture */
     out->metallic = 0;
     out->roughness = 1 - glossiness;
     if (aiGetMaterialTextureCount(m, aiTextureType_SPECULAR)) scene__make_matte(out);
 }
 
-/* Returns whether a material of glTF has a texture of metal and roughness. */
+/* Returns 1 if a glTF material has a texture of metalness and roughness. out: receives it */
 static int scene__specular_picture(const scene__reader *r, const struct aiMaterial *m, scene__use_of_picture *out) {
     return r->is_gltf && scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0 &&
            (scene__picture_of(m, aiTextureType_DIFFUSE_ROUGHNESS, out) ||
             scene__picture_of(m, aiTextureType_UNKNOWN, out));
 }
 
-/* Reads metal, gloss and transmission of a material whose colours are known, without their textures, and finds out
-   whether it makes the file one that is not matte. */
+/* Reads metal, gloss and transmission of a material, except for their textures. Sets r->not_matte if it makes the file
+   one that is not matte. The colours must have been read before. */
 static void scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_material *out) {
     const float *a = out->albedo, *e = out->emission;
     scene__told told = scene__told_by(r, m);
@@ -374,7 +376,7 @@ static void scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_mater
     out->transmission = scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0);
     if (r->is_gltf) {
         scene__gltf_gloss(m, &told, out);
-        /* without cJSON, the values that a material without any gets count as not stated */
+        /* without cJSON, factors with their default values count as missing */
         states = told.is_told ? (told.bits & SCENE__TOLD_GLOSS) != 0
                               : has_picture || out->metallic < 1 || out->roughness < 1;
     } else {
@@ -392,7 +394,8 @@ static void scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_mater
     if (!(out->ior > 0 || out->metallic > 0)) scene__make_matte(out);
 }
 
-/* Reads the factors of a material. When those of all materials are known, so is whether the file is matte. */
+/* Reads the scalar and colour factors of a material. After this has run for all materials, r->not_matte tells whether
+   any is glossy, metallic or transmissive. */
 static void scene__factors(scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     sbl_material *out = &r->materials[index];
@@ -409,8 +412,8 @@ static void scene__factors(scene__reader *r, unsigned index) {
     if (!scene__is_gone(&alpha, r->file->matte)) scene__gloss(r, m, out);
 }
 
-/* Finds the normal map of a material, and reads its factor. Returns 0 if the material is shown without: with
-   options.matte, if it is unlit, or if the factor is 0, which means 1 in sbl.h. */
+/* Finds the normal map of a material and reads its scale. Returns 0 if the material has none or is shown without it:
+   with options.matte, if it is unlit, or if the scale is 0, which would mean 1 in sbl.h. */
 static int scene__normal_map(const scene__reader *r, const struct aiMaterial *m, scene__use_of_picture *picture,
                              sbl_material *out) {
     float scale;
@@ -429,8 +432,9 @@ static int scene__normal_map(const scene__reader *r, const struct aiMaterial *m,
 enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__NORMAL, SCENE__MASK,
     SCENE__PICTURES };
 
-/* Reads the textures that have no alpha. A surface whose texture is missing does not emit, is matte, is opaque, is
-   smooth. A grey picture has no normals: it holds heights, which Blender's reader of OBJ takes for normals. */
+/* Reads the textures that have no alpha. Where a texture cannot be read, the surface does not emit, is matte, is opaque
+   or is smooth. A grey normal map is refused, because it holds heights: the OBJ reader of Blender takes them for
+   normals. */
 static void scene__plain_textures(scene__reader *r, const scene__use_of_picture *all, const int *has,
                                   sbl_material *out) {
     int *numbers[SCENE__PICTURES], i;
@@ -454,7 +458,7 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
     if (!out->normal_texture) out->normal_scale = 0;
 }
 
-/* Reads the rest of a material. */
+/* Reads the alpha and the textures of a material. */
 static void scene__material(scene__reader *r, unsigned index) {
     static const char *const words[SCENE__PICTURES] = { "colour", "emission", "metal", "transmission", "normals",
         "mask" };
@@ -494,11 +498,11 @@ static void scene__material(scene__reader *r, unsigned index) {
                     "for all", scene__told_by(r, m).name, words[first]);
 }
 
-/* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
+/* ---- warnings about simplified features; see SCENE_FILE_KINDS ---- */
 
-/* Returns whether a surface has a visible highlight: its roughness is below 0.5; or, if the file gives a Phong exponent
-   instead, the exponent is above 30 and a component of the specular colour above 0.05. An exponent of 30 is a roughness
-   of 0.5 by roughness^4 = 2 / (exponent + 2). */
+/* Returns 1 if a surface has a visible highlight: its roughness is below 0.5; or, for a Phong exponent, the exponent is
+   above 30 and a component of the specular colour is above 0.05. By roughness^4 = 2 / (exponent + 2), an exponent of 30
+   means a roughness of 0.5. */
 static int scene__is_glossy(const struct aiMaterial *m) {
     const float exponent = scene__number(m, AI_MATKEY_SHININESS, 0);
     const float roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, -1);
@@ -510,14 +514,14 @@ static int scene__is_glossy(const struct aiMaterial *m) {
            (color.r > 0.05f || color.g > 0.05f || color.b > 0.05f);
 }
 
-/* Returns whether the material has a picture of one of the kinds. */
+/* Returns 1 if the material has a texture of one of these types. */
 static int scene__has_picture(const struct aiMaterial *m, const enum aiTextureType *types, size_t count) {
     size_t i;
     for (i = 0; i < count; i++) if (aiGetMaterialTextureCount(m, types[i])) return 1;
     return 0;
 }
 
-/* Returns whether a cutout replaces partial transparency. */
+/* Returns 1 if partial transparency of the material becomes a cutout. */
 static int scene__is_cut(const scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     const int texture = r->materials[index].albedo_texture;
@@ -529,10 +533,10 @@ static int scene__is_cut(const scene__reader *r, unsigned index) {
            (opacity < 1 || (texture && r->pictures.textures[texture - 1].channels % 2 == 0));
 }
 
-/* Counts what --materials matte replaces. */
+/* Counts the features of a material that --materials matte simplifies. */
 static void scene__count_matte(const scene__reader *r, const struct aiMaterial *m) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS, aiTextureType_METALNESS,
-        aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* metal and roughness in glTF */,
+        aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* holds metalness and roughness in glTF */,
         aiTextureType_REFLECTION };
     static const enum aiTextureType normals[] = { aiTextureType_NORMALS, aiTextureType_NORMAL_CAMERA };
     const int mapped = scene__has_picture(m, maps, sizeof maps / sizeof *maps);
@@ -546,8 +550,8 @@ static void scene__count_matte(const scene__reader *r, const struct aiMaterial *
     if (scene__has_picture(m, normals, sizeof normals / sizeof *normals)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
 }
 
-/* Counts a material for the warnings MAP and REFRACTION: if it has textures of metal or gloss that are not read, and if
-   the file describes a thick body, which is shown as a thin pane. */
+/* Counts a material for the warnings MAP (it has textures of metal or gloss that are not read) and REFRACTION (the file
+   describes a solid body, which is shown as a thin pane). */
 static void scene__count_gloss(const scene__reader *r, unsigned index) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS,
         aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN };
@@ -558,14 +562,14 @@ static void scene__count_gloss(const scene__reader *r, unsigned index) {
     if (r->materials[index].transmission > 0 && refracts) scene__count(r->file, SCENE_FILE_REFRACTION);
 }
 
-/* Counts the features of a used material that sbl.h does not have. */
+/* Counts the features of a used material that sbl.h does not support. */
 static void scene__count_material(const scene__reader *r, unsigned index) {
     static const enum aiTextureType heights[] = { aiTextureType_HEIGHT, aiTextureType_DISPLACEMENT };
     const struct aiMaterial *m = r->in->mMaterials[index];
     const scene__told told = scene__told_by(r, m);
     struct aiColor4D sheen;
     struct aiString name;
-    if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's material for meshes that have none */
+    if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's default material */
         aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) return;
     if (scene__is_cut(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
     if (told.bits & SCENE__TOLD_OTHER) scene__count(r->file, SCENE_FILE_EXTENSION);
@@ -584,7 +588,7 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
     if ((told.bits & SCENE__TOLD_SPECULAR) && r->materials[index].ior > 0) scene__count(r->file, SCENE_FILE_SPECULAR);
 }
 
-/* Counts the features of the scene that sbl.h does not have. Called after the meshes are placed. */
+/* Counts the features of the scene that sbl.h does not support. Called after the meshes are placed. */
 static void scene__count_all(const scene__reader *r) {
     unsigned i;
     for (i = 0; i < r->in->mNumMaterials; i++) if (r->shown[i]) scene__count_material(r, i);
@@ -599,7 +603,7 @@ static void scene__count_all(const scene__reader *r) {
 
 /* ---- meshes ---- */
 
-/* Multiplies matrices. All are row-major, as in assimp. */
+/* Multiplies two matrices, both row-major as in assimp. */
 static void scene__multiply(double out[16], const double a[16], const struct aiMatrix4x4 *b) {
     const double right[16] = { b->a1, b->a2, b->a3, b->a4, b->b1, b->b2, b->b3, b->b4,
                                b->c1, b->c2, b->c3, b->c4, b->d1, b->d2, b->d3, b->d4 };
@@ -611,8 +615,7 @@ static void scene__multiply(double out[16], const double a[16], const struct aiM
         }
 }
 
-/* Returns an array of `components` floats per vertex. step: number of floats per vertex in `from`. NULL if memory runs
-   out. */
+/* Returns an array of `components` floats per vertex, or NULL if memory runs out. step: floats per vertex in `from` */
 static float *scene__vectors(scene_file *file, const ai_real *from, unsigned count, unsigned components,
                              unsigned step) {
     float *out = (float *)scene__alloc(file, count, components * sizeof *out), *to = out;
@@ -622,7 +625,7 @@ static float *scene__vectors(scene_file *file, const ai_real *from, unsigned cou
     return out;
 }
 
-/* Returns a set of texture coordinates, or NULL. assimp puts v = 0 at the bottom, also for glTF, so v is flipped. */
+/* Returns a set of texture coordinates, or NULL. It flips v, because assimp has v = 0 at the bottom, also for glTF. */
 static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsigned set) {
     const unsigned count = in->mNumVertices;
     float *v = in->mTextureCoords[set] ? scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3) : NULL;
@@ -631,8 +634,9 @@ static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsign
     return v;
 }
 
-/* Returns the vertex colours of a mesh, or NULL. They hold the opacity of its material, because an sbl_material has no
-   factor for alpha: this is exact with and without a texture, and needs no copy of a picture. */
+/* Returns the vertex colours of a mesh, or NULL if none are needed. Their alpha includes the opacity of the material,
+   because sbl_material has no factor for alpha. This is exact with and without a texture, and needs no copy of a
+   picture. */
 static float *scene__vertex_colors(scene__reader *r, const struct aiMesh *in, float opacity) {
     const size_t count = in->mNumVertices;
     float *v;
@@ -660,7 +664,7 @@ static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mes
     out->colors.data = scene__vertex_colors(r, in, has_material ? r->opacity[in->mMaterialIndex] : 1);
 }
 
-/* Converts the arrays of one mesh. vertex_count stays 0 if the mesh has no triangles. */
+/* Converts the arrays of a mesh. If the mesh has no triangles, vertex_count stays 0. */
 static void scene__mesh(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
     unsigned i, triangles = 0;
     uint32_t *indices;
@@ -691,7 +695,7 @@ static void scene__direction(float out[3], const double m[16], const struct aiVe
     for (i = 0; i < 3; i++) out[i] = (float)(m[4 * i] * v->x + m[4 * i + 1] * v->y + m[4 * i + 2] * v->z);
 }
 
-/* m: the transform of its node. */
+/* Converts a camera. m: transform of its node */
 static void scene__camera(scene_file_camera *c, const struct aiCamera *in, const double m[16], int is_gltf) {
     const double degrees = 45 / atan(1.0);
     double x = 0.5 * in->mHorizontalFOV;
@@ -703,7 +707,7 @@ static void scene__camera(scene_file_camera *c, const struct aiCamera *in, const
     scene__direction(c->forward, m, &in->mLookAt);
     scene__direction(c->up, m, &in->mUp);
     c->fov_x = c->fov_y = 0;
-    if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* see scene_gltf.h */
+    if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* the full vertical angle; see scene_gltf.h */
     else if (in->mAspect > 0) c->fov_y = (float)(2 * atan(tan(x) / in->mAspect) * degrees);
     else c->fov_x = (float)(2 * x * degrees);
 }
@@ -738,7 +742,7 @@ static int scene__by_name(const void *a, const void *b) {
     return strcmp(first->mName.data, second->mName.data);
 }
 
-/* scene__aim and scene__open_cone return NULL, or a description of what is wrong. */
+/* The functions scene__aim and scene__open_cone return NULL, or a description of the error. */
 static const char *scene__aim(const struct aiVector3D *d, const double m[16], sbl_light *out) {
     double direction[3], length = 0;
     int i;
@@ -761,7 +765,7 @@ static const char *scene__open_cone(scene_file *file, const struct aiLight *in, 
     return NULL;
 }
 
-/* Converts a light. Returns 0 with a warning if that is not possible. */
+/* Converts a light. Returns 0 and adds a warning if that is not possible. */
 static int scene__light(scene_file *file, const struct aiLight *in, const double m[16], int is_gltf, sbl_light *out) {
     const float color[3] = { in->mColorDiffuse.r, in->mColorDiffuse.g, in->mColorDiffuse.b };
     const char *wrong = NULL;
@@ -794,13 +798,13 @@ static int scene__has_range(const struct aiNode *node) {
     return 0;
 }
 
-/* Returns a copy of a text in the shared pages. */
+/* Copies a text into the shared pages. */
 static const char *scene__copy_text(scene_file *file, const char *text) {
     char *copy = (char *)scene__alloc(file, strlen(text) + 1, 1);
     return copy ? strcpy(copy, text) : "";
 }
 
-/* Adds the lights of a node: those with its name that no earlier node has taken. */
+/* Adds the lights of a node: those that have its name and belong to no earlier node. */
 static void scene__lights(scene__reader *r, const struct aiNode *node, const double m[16]) {
     sbl_scene_desc *scene = &r->file->scene;
     unsigned low = 0, high = r->in->mNumLights;
@@ -823,8 +827,8 @@ static void scene__lights(scene__reader *r, const struct aiNode *node, const dou
 
 typedef struct scene__node { const struct aiNode *node; double transform[16]; } scene__node;
 
-/* Visits all nodes in depth-first order. A list replaces recursion, so that a chain of a million nodes cannot overflow
-   the stack. */
+/* Visits all nodes in depth-first order. It uses a list instead of recursion, so that a chain of a million nodes cannot
+   overflow the stack. */
 static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const scene__node *at)) {
     static const double identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     size_t room = 64, count = 1;
@@ -851,8 +855,8 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Returns mesh number `i` of a node, and its material. Returns NULL if the mesh has no triangles or its material is
-   left out. */
+/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles or its
+   material is omitted. */
 static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *node, unsigned i, unsigned *material) {
     const unsigned number = node->mMeshes[i];
     if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
@@ -875,7 +879,7 @@ static void scene__count_uses(scene__reader *r, const scene__node *at) {
     }
 }
 
-/* Reads what scene__name_places has put before the name of a node. Returns the rest of the name. */
+/* Reads the lightmap placement that scene__name_places has put before the name of a node. Returns the original name. */
 static const char *scene__place_of(const scene__reader *r, const char *name, scene_file_place *out, int *map) {
     static const scene_file_place none = { -1, { 1, 1 }, { 0, 0 } };
     int length = 0;
@@ -890,7 +894,7 @@ static const char *scene__place_of(const scene__reader *r, const char *name, sce
     return name;
 }
 
-/* Gives a use of a mesh its own lightmap coordinates. */
+/* Applies scale and offset to the lightmap coordinates of one use of a mesh, in a copy if needed. */
 static void scene__put_place(scene__reader *r, const scene_file_place *place, sbl_mesh *use) {
     const float *from = (const float *)use->lightmap_texcoords.data;
     const int moves = place->scale[0] < 1 || place->scale[0] > 1 || place->scale[1] < 1 || place->scale[1] > 1 ||
@@ -969,12 +973,12 @@ static void scene__nodes(scene__reader *r) {
     file->places = r->places;
 }
 
-/* ---- the whole scene ---- */
+/* ---- the complete scene ---- */
 
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
     scene__pictures *p = &r->pictures;
-    p->room = (int)(SCENE__MASK * materials);  /* the mask becomes a part of the albedo's texture */
+    p->room = (int)(SCENE__MASK * materials);  /* a mask joins the albedo texture */
     p->textures = (sbl_texture *)scene__alloc(r->file, SCENE__MASK * materials, sizeof *p->textures);
     p->keys = (struct scene__texture_key *)calloc(SCENE__MASK * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
@@ -1035,7 +1039,7 @@ static void scene__convert(scene__reader *r) {
     free(r->motion.links);
 }
 
-/* Reads a scene. bytes: contents of the file; the caller frees them. */
+/* Reads a scene. bytes: content of the file, which the caller frees */
 static void scene__read_scene(scene_file *file, const char *path, scene__bytes *bytes) {
     scene__main_file main_file;
     struct aiFileIO io;

@@ -1,8 +1,8 @@
-/* Part of scene_file.h: the child process that reads.
+/* Part of scene_file.h: the child process that reads the file.
 
    The parent maps shared pages, which begin with a scene_file, and forks. The child opens the file, confines itself,
-   reads, and ends. The parent waits until the child is gone, and kills it at the deadline or when the user cancels. The
-   parent uses the contents of the pages only if the child ended well. */
+   reads, and exits. The parent waits until the child has ended, and kills it at the deadline or when the user cancels.
+   The parent uses the content of the pages only if the child succeeded. */
 #ifndef SCENE_CHILD_H
 #define SCENE_CHILD_H
 
@@ -17,8 +17,8 @@
   #include <sanitizer/lsan_interface.h>
 #endif
 
-/* Reads a scene. bytes: the whole contents of the file. The function may replace them by other memory of malloc; its
-   caller frees them. */
+/* Reads a scene. bytes: the complete content of the file. The function may replace it by other memory from malloc; its
+   caller frees it. */
 typedef void (*scene__reading)(scene_file *file, const char *path, scene__bytes *bytes);
 
 typedef struct scene__task {
@@ -28,17 +28,17 @@ typedef struct scene__task {
     double seconds;
     size_t capacity;
     pid_t parent;
-    int alive;    /* write end of a pipe, which closes when the child is gone */
+    int alive;    /* write end of a pipe, which closes when the child ends */
 } scene__task;
 
 /* ---- the child ---- */
 
-/* Makes the child end when the parent ends, for whatever reason. */
+/* Makes the kernel kill the child when the parent ends for any reason. */
 static void scene__die_with(pid_t parent) {
 #ifdef __linux__
     prctl(PR_SET_PDEATHSIG, SIGKILL);
 #endif
-    if (getppid() != parent) _exit(1);  /* the parent had ended before that */
+    if (getppid() != parent) _exit(1);  /* the parent had already ended */
 }
 
 static void scene__default_signals(void) {
@@ -50,8 +50,8 @@ static void scene__default_signals(void) {
     sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* Replaces standard input and output by /dev/null, and stderr as well, because a library may print something when it
-   crashes. With sanitizers stderr stays, since they report there. */
+/* Replaces standard input, output and error by /dev/null, because a library may print something when it crashes. With
+   sanitizers, stderr stays, because they report there. */
 static void scene__leave_terminal(void) {
     int nowhere, i;
     do nowhere = open("/dev/null", O_RDWR); while (nowhere >= 0 && nowhere < 3);
@@ -97,8 +97,7 @@ static double scene__clock(void) {
 
 typedef enum scene__end { SCENE__ENDED, SCENE__CANCELLED, SCENE__LATE } scene__end;
 
-/* Waits until the child is gone, whatever the reason. alive: read end of a pipe whose write end only the child has
-   open. */
+/* Waits until the child has ended for any reason. alive: read end of a pipe whose write end only the child has open */
 static scene__end scene__wait(pid_t child, int alive, double deadline, const volatile sig_atomic_t *cancel,
                               int *status) {
     scene__end end = SCENE__ENDED;
@@ -111,14 +110,14 @@ static scene__end scene__wait(pid_t child, int alive, double deadline, const vol
         if (cancel && *cancel) end = SCENE__CANCELLED;
         else if (scene__clock() > deadline) end = SCENE__LATE;
         if (end != SCENE__ENDED) kill(child, SIGKILL);
-        if (poll(&waiting, 1, 20) > 0) {  /* closed: the child is ending, or has closed the pipe and still runs */
+        if (poll(&waiting, 1, 20) > 0) {  /* the child is ending, or has closed the pipe and still runs */
             waiting.fd = -1;
             if (end == SCENE__ENDED && waitpid(child, status, WNOHANG) == child) return end;
         }
     }
 }
 
-/* Maps the shared pages. Pages use no memory before they are touched. Maps fewer if the address space is too small.
+/* Maps the shared pages, which use no memory until they are touched. If the address space is too small, maps fewer.
    Returns NULL on failure. */
 static scene_file *scene__map(size_t memory) {
     const size_t least = (size_t)1 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
@@ -134,13 +133,13 @@ static scene_file *scene__map(size_t memory) {
     return file;
 }
 
-/* Unmaps the pages that are not used, so that rendering can use the address space. */
+/* Unmaps the unused pages, so that rendering can use their address space. */
 static void scene__unmap_rest(scene_file *file) {
     const size_t page = (size_t)sysconf(_SC_PAGESIZE), used = (file->used + page - 1) / page * page;
     if (used < file->capacity && munmap((char *)file + used, file->capacity - used) == 0) file->capacity = used;
 }
 
-/* Opens the folder of the scene and those that the user allows. Returns 0 and sets error on failure. */
+/* Opens the folder of the scene and the folders that the user allows. Returns 0 and sets error on failure. */
 static int scene__allow(scene__folders *folders, const char *path, const scene_file_options *options, char *error,
                         size_t error_size) {
     const char *slash = strrchr(path, '/');
@@ -161,7 +160,7 @@ static int scene__allow(scene__folders *folders, const char *path, const scene_f
     return 1;
 }
 
-/* Sets error if the child did not end well. */
+/* Sets error if the child did not succeed, except after a cancellation. */
 static void scene__judge(const scene__task *task, scene__end end, int status, char *error, size_t error_size) {
     scene_file *file = task->file;
     const char *path = task->path;
@@ -177,7 +176,7 @@ static void scene__judge(const scene__task *task, scene__end end, int status, ch
                      WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status));
 }
 
-/* Forks and waits. Returns 0 if there is no result; then error is set, unless reading was cancelled. */
+/* Forks the child and waits for it. Returns 1 if it succeeded. Otherwise sets error, except after a cancellation. */
 static int scene__run(scene__task *task, const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
     const double deadline = scene__clock() + task->seconds;
     int ends[2], status = 0;

@@ -1,5 +1,5 @@
-/* Reads a scene file into the arrays that sbl_set_scene takes. Scenes are read by assimp (.obj, .gltf, .glb, .fbx,
-   .ply, ...), pictures by stb_image. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header; link
+/* Reads a scene file into the arrays that sbl_set_scene takes. assimp reads scenes (.obj, .gltf, .glb, .fbx, .ply,
+   ...), and stb_image reads pictures. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header; link
    with -lassimp.
 
        char error[512];
@@ -8,50 +8,50 @@
        sbl_set_scene(context, &file->scene);
        scene_file_free(file);
 
-   scene_file_load_sky reads a picture of the sky in the same way, into scene.environment.picture.
+   scene_file_load_sky reads a picture of the sky in the same way, and puts it into scene.environment.picture.
 
    The reader converts: triangles and polygons (no points and lines), normals if the file has them, one set of texture
-   coordinates, a second one for lightmaps (TEXCOORD_1; moved to the place that scripts/sbl_unwrap gives a node of glTF:
-   scale * texcoord + offset, from extras.lightmapScaleOffset, which needs cJSON), vertex colours, nodes with their
-   transforms (each use of a mesh becomes an sbl_mesh with its own id; all uses share the arrays), the first perspective
-   camera, point, spot and directional lights, and these materials and lights:
+   coordinates, a second set for lightmaps (TEXCOORD_1, with the scale and offset that scripts/sbl_unwrap notes for each
+   glTF node in extras.lightmapScaleOffset: scale * texcoord + offset; this needs cJSON), vertex colours, nodes with
+   their transforms (each use of a mesh becomes an sbl_mesh with its own id; all uses share the arrays), the first
+   perspective camera, point, spot and directional lights, and these materials and lights:
 
        OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Ke
-             without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
+             without Ke gets Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
              illum 4, 6, 7 and 9 with d, Ni and Tf become panes, see scene__glass and scene__glaze. norm is a normal
              map
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
-             metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular where
-             it is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a light
-             only with cJSON
-       else  what assimp returns of these; the colour of a light is its intensity; attenuation other than by distance is
-             ignored
+             metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular if its
+             factor is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a
+             light only with cJSON
+       else  the same features, as far as assimp returns them; the colour of a light is its intensity; a falloff
+             other than by the square of the distance is ignored
 
-   Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
-   of these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be
-   matte. Otherwise all materials of a .gltf are read by the model of glTF. A material without metallicFactor,
-   roughnessFactor and metallicRoughnessTexture counts as matte for the rule, although glTF reads it as metal of
-   roughness 1. Surfaces that emit and have a black colour, and unlit ones, are always matte.
+   Metal and gloss follow one rule for the complete file. If no used material has metalness, a roughness below 1, a
+   texture of one of these, or transmission, all materials are matte, because exporters write roughness 1 for surfaces
+   that are meant to be matte. Otherwise all materials of a .gltf are read by the material model of glTF. A material
+   without metallicFactor, roughnessFactor and metallicRoughnessTexture counts as matte for the rule, although glTF
+   reads it as metal of roughness 1. Emitting surfaces with a black colour and unlit surfaces are always matte.
 
    BLEND, and a constant opacity below 1 in other formats, become SBL_MATERIAL_BLEND if the file is not matte. In matte
-   files they are cut out where their alpha is below 0.5; meshes with a constant alpha below 0.5 are left out. These
-   materials alone do not make a file one that is not matte.
+   files they are cut out where their alpha is below 0.5; meshes with a constant alpha below 0.5 are omitted. Such
+   materials alone do not count against a matte file.
 
-   Normal maps are shown in matte files, too, and do not make a file one that is not matte. A material whose normal map
-   is missing or grey is shown without it: grey pictures hold heights.
+   Normal maps are shown in matte files, too, and do not count against them. A material whose normal map is missing or
+   grey is shown without it, because a grey picture holds heights.
 
-   A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
-   that it must not access. For this reason:
+   A file from an untrusted source can crash its reader, take control of it, make it hang, exhaust the memory, or refer
+   to files that it must not access. For this reason:
 
        A child process reads the file, into pages that it shares with the parent. The parent uses the result only if the
-           child ended well (scene_child.h), within limits on time and memory (scene_memory.h), and checks all of it
+           child succeeded (scene_child.h), within limits on time and memory (scene_memory.h), and checks all of it
            (scene_trust.h).
        The child reads only files in the folder of the scene and in folders that the user allows (scene_paths.h).
        The kernel forbids the child almost everything else (scene_sandbox.h).
 
-   In the child, scene_assimp.h converts what assimp returns; scene_gltf.h edits a .gltf before assimp reads it;
-   scene_motion.h computes where animated nodes are; scene_pictures.h decodes pictures. */
+   In the child, scene_gltf.h edits a .gltf before assimp reads it, scene_assimp.h converts the result of assimp,
+   scene_motion.h computes the poses of animated nodes, and scene_pictures.h decodes pictures. */
 #ifndef SCENE_FILE_H
 #define SCENE_FILE_H
 
@@ -76,25 +76,25 @@
 enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_FOLDERS = 16, SCENE_FILE_SECONDS = 60, SCENE_FILE_READ = 1024,
     SCENE_FILE_RATE = 24 };
 
-/* 0 means the default. */
+/* Options for reading. A field that is 0 selects its default. */
 typedef struct scene_file_options {
-    const char *allow[SCENE_FILE_FOLDERS];  /* folders besides the scene's own that may be read */
-    size_t memory;   /* limit in bytes on reading and rendering the scene; default: half of the memory of the machine or
-                        of its control group; never more than half of what ulimit -v leaves */
-    double seconds;  /* limit on the time for reading; default 60 */
-    int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
-                        scene_file.frames */
+    const char *allow[SCENE_FILE_FOLDERS];  /* folders that may be read in addition to the folder of the scene */
+    size_t memory;   /* limit in bytes for reading and rendering the scene; default: half of the memory of the machine
+                        or of its control group. It is never more than half of what ulimit -v leaves */
+    double seconds;  /* limit for the reading time; default 60 */
+    int frames;      /* 0, or the number of frames: the file must then have an animated camera, which is read at each
+                        frame; see scene_file.frames */
     double frame_rate;  /* frames per second; default 24 */
-    int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour, and without
-                        normal maps */
-    const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
-    void (*log)(const char *path, const char *message, void *user);  /* receives how the reader was confined */
+    int matte;       /* 1: read all materials as matte, metal as a matte surface of its base colour, and ignore normal
+                        maps */
+    const volatile sig_atomic_t *cancel;            /* NULL, or a flag: reading stops when it becomes nonzero */
+    void (*log)(const char *path, const char *message, void *user);  /* receives a description of the sandbox */
     void *log_user;
 } scene_file_options;
 
-/* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
-   GLOSS, GLASS, ILLUM, NORMAL_MAP and TEXTURE are counted only with options.matte, MAP, SPECULAR and REFRACTION only
-   without. BLEND is counted in matte files, by the rule or by the options. */
+/* The features that are simplified or ignored: kind, counted items (one, several), and text of the warning. METAL,
+   GLOSS, GLASS, ILLUM, NORMAL_MAP and TEXTURE are counted only with options.matte; MAP, SPECULAR and REFRACTION only
+   without it. BLEND is counted in matte files, whether the rule or the option makes them so. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
@@ -123,52 +123,52 @@ typedef struct scene_file_options {
 typedef enum scene_file_kind { SCENE_FILE_KINDS(SCENE__KIND) SCENE_FILE_KIND_COUNT } scene_file_kind;
 #undef SCENE__KIND
 
-/* The unit of lights: that of sbl.h, or one of Blender's, see scene_units.h. */
+/* The unit of lights: the unit of sbl.h, or one that Blender writes; see scene_units.h. */
 enum { SCENE_UNITS_FIT, SCENE_UNITS_BLENDER, SCENE_UNITS_BLENDER_UNITLESS, SCENE_UNITS_BLENDER_RAW, SCENE_UNITS_COUNT };
 
 typedef struct scene_file_camera {
     float eye[3], forward[3], up[3], fov_y, fov_x;
 } scene_file_camera; /* fields of view in degrees; one of the two is 0 */
 
-/* What a node of a glTF file says of the place of its mesh in a lightmap: scale * TEXCOORD_1 + offset. */
+/* The lightmap placement of a glTF node: its mesh has the lightmap coordinates scale * TEXCOORD_1 + offset. */
 typedef struct scene_file_place {
-    int node;                     /* number of the node in the file; -1: it says nothing */
+    int node;                     /* index of the node in the file; -1 if the node states no placement */
     float scale[2], offset[2];
 } scene_file_place;
 
 typedef struct scene_file {
-    sbl_scene_desc scene;         /* without a sky; after scene_file_load_sky, only a picture of the sky */
+    sbl_scene_desc scene;         /* without a sky; after scene_file_load_sky, only the picture of a sky */
     const char *const *names;     /* one per mesh */
     const char *const *light_names;  /* one per light: the name of its node */
     int has_camera;
     scene_file_camera camera;
     int frame_count;
-    const scene_file_camera *frames;  /* the animated camera at 0, 1, 2, ... divided by options.frame_rate, in seconds;
-                                         NULL if options.frames is 0 */
-    int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are kept */
+    const scene_file_camera *frames;  /* the animated camera of each frame, at the times 0, 1, 2, ... divided by
+                                         options.frame_rate, in seconds; NULL if options.frames is 0 */
+    int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are stored */
     char warnings[SCENE_FILE_WARNINGS][256];
-    int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
-    int map_count;                /* number of lightmaps that the file has coordinates for */
-    int map_size;                 /* texels across a lightmap, as sbl_unwrap has noted it; 0: not known */
-    const int *maps;              /* one per mesh: the lightmap that it is in (extras.lightmapIndex, or 0), below
-                                     map_count; -1: it has no second texture coordinates */
-    const scene_file_place *places;  /* one per mesh; lightmap_texcoords is already there */
-    int units;                    /* unit of the lights, one of SCENE_UNITS_*; see scene_file_scale_lights */
+    int simplified[SCENE_FILE_KIND_COUNT];  /* for each kind: number of materials, lights, ... */
+    int map_count;                /* number of lightmaps for which the file has coordinates */
+    int map_size;                 /* width of a lightmap in texels, as sbl_unwrap has noted it; 0 if not known */
+    const int *maps;              /* one per mesh: index of its lightmap (extras.lightmapIndex, or 0), below map_count;
+                                     -1 if it has no second texture coordinates */
+    const scene_file_place *places;  /* one per mesh; lightmap_texcoords already include it */
+    int units;                    /* unit of the lights, one of SCENE_UNITS_; see scene_file_scale_lights */
     int exporter_version[2];      /* major and minor version of Blender's exporter */
-    int read_count;               /* number of files in read: the first that were read */
+    int read_count;               /* number of files in `read`, which lists the first files that were read */
     struct { dev_t device; ino_t inode; } read[SCENE_FILE_READ];
-    /* private */
+    /* ---- private ---- */
     char error[512];
-    int finished;                              /* 1: the child has finished */
-    char confined[256];                        /* how the child was confined */
-    const struct scene__folders *folders;      /* where the child may read */
-    size_t capacity, used;                     /* bytes of the shared pages, which begin with this struct */
-    size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
+    int finished;                              /* 1: the child has finished reading */
+    char confined[256];                        /* description of the sandbox of the child */
+    const struct scene__folders *folders;      /* the folders from which the child may read */
+    size_t capacity, used;                     /* size and used part of the shared pages in bytes */
+    size_t memory, own_at_start;               /* limit in bytes; the memory of the child itself at its start */
     int frames_asked;                          /* number of frames that the options ask for */
     double frame_rate;
     int matte;                                 /* as in the options */
-    double rendering;                          /* bytes that sbl.h will need for what was read so far */
-    int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
+    double rendering;                          /* bytes that sbl.h will need to render what has been read so far */
+    int own_handle;                            /* /proc/self/statm of the child, which states its memory */
 } scene_file;
 
 #if defined(__GNUC__)
@@ -180,7 +180,7 @@ typedef struct scene_file {
 SCENE__PRINTF(3, 4) static void scene__print(char *out, size_t size, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(out, size, format, arguments);  /* truncates a text that is too long */
+    vsnprintf(out, size, format, arguments);  /* truncates texts that are too long */
     va_end(arguments);
 }
 
@@ -192,7 +192,7 @@ SCENE__PRINTF(2, 3) static void scene__fail(scene_file *file, const char *format
     va_end(arguments);
 }
 
-/* Adds a warning, unless the same one exists already. */
+/* Adds a warning, unless the list already contains it. */
 SCENE__PRINTF(2, 3) static void scene__warn(scene_file *file, const char *format, ...) {
     va_list arguments;
     int i;
@@ -222,7 +222,7 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_trust.h"
 #include "scene_child.h"
 
-/* Writes the warning of a kind; an empty text if nothing of this kind was found. */
+/* Writes the warning of a kind, or an empty text if no feature of this kind was found. */
 static inline void scene_file_warning(const scene_file *file, scene_file_kind kind, char *out, size_t size) {
 #define SCENE__KIND(kind, one, several, text) { one, several, text },
     static const char *const words[SCENE_FILE_KIND_COUNT][3] = { SCENE_FILE_KINDS(SCENE__KIND) };
@@ -232,7 +232,8 @@ static inline void scene_file_warning(const scene_file *file, scene_file_kind ki
     if (count) snprintf(out, size, "%s (%d %s)", words[kind][2], count, words[kind][count > 1]);
 }
 
-/* Takes the second texture coordinates of all meshes that are not in a lightmap, which becomes the only one. */
+/* Keeps only one lightmap, which gets the index 0: removes the lightmap coordinates of all meshes that are not in
+   it. */
 static inline void scene_file_keep_map(scene_file *file, int map) {
     sbl_mesh *meshes = (sbl_mesh *)(uintptr_t)file->scene.meshes;
     int *maps = (int *)(uintptr_t)file->maps, i;
@@ -247,8 +248,8 @@ static void scene_file_free(scene_file *file) {
     if (file) munmap(file, file->capacity);
 }
 
-/* Both return NULL on failure, with a message of one line in error, and on cancellation, with an empty error. options:
-   NULL for the defaults. */
+/* Both functions return NULL on failure, with a message of one line in error, and on cancellation, with an empty error.
+   options: NULL for the defaults */
 static scene_file *scene_file_load(const char *path, const scene_file_options *options, char *error,
                                    size_t error_size) {
     return scene__load(scene__read_scene, path, options, error, error_size);

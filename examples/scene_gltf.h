@@ -1,14 +1,14 @@
 /* Part of scene_file.h: edits a .gltf or .glb before assimp reads it, to work around limits of assimp.
 
-   assimp up to 5.2 drops KHR_materials_emissive_strength, and returns materials in another order than that of the file.
-   Therefore the strength is multiplied into emissiveFactor. Without aspectRatio in a camera, every version of assimp
-   returns yfov itself; therefore aspectRatio is removed. assimp gives the place of a light as the name of one node.
-   Therefore each node gets its own copy of its light, and a unique name. assimp drops how animations interpolate.
-   Therefore, if frames are asked for, the names of animated nodes tell it. assimp replaces a metallicFactor and a
-   roughnessFactor that are missing by 1; version 5.2 drops KHR_materials_specular, older ones also KHR_materials_ior.
-   Therefore the names of materials tell these. assimp refuses a second set of texture coordinates that has no first one
-   before it. Therefore such a set is also made the first. It drops lists in extras. Therefore the names of nodes tell
-   their places in a lightmap. Invalid content is left unchanged, for assimp to report. */
+   assimp up to 5.2 drops KHR_materials_emissive_strength, and does not keep the order of materials. Therefore the
+   strength is multiplied into emissiveFactor. If a camera has no aspectRatio, every version of assimp returns yfov
+   itself; therefore aspectRatio is removed. assimp identifies the position of a light by the name of one node;
+   therefore each node gets its own copy of its light, and a unique name. assimp drops the interpolation of animations;
+   if the options ask for frames, it is appended to the names of animated nodes. assimp replaces missing metallicFactor
+   and roughnessFactor by 1; version 5.2 drops KHR_materials_specular, and older versions also drop KHR_materials_ior;
+   therefore these facts are appended to the names of materials. assimp refuses TEXCOORD_1 without TEXCOORD_0; therefore
+   such a set also becomes the first. assimp drops lists in extras; therefore the lightmap placements are put before the
+   names of nodes. Invalid content is left unchanged, so that assimp reports it. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -22,15 +22,15 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
-#define SCENE__MOST_SCALE 1000.0f  /* of a normal map */
-enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* numbers of lightmaps, texels across one */
+#define SCENE__MOST_SCALE 1000.0f  /* greatest scale of a normal map */
+enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* number of lightmaps; their width in texels */
 
-/* What the name of a material tells about it. */
+/* Facts about a material, as bits in its name. */
 enum {
-    SCENE__TOLD_GLOSS = 1,       /* the file states metal, roughness or gloss */
-    SCENE__TOLD_SPECULAR = 2,    /* it has KHR_materials_specular, which is ignored */
+    SCENE__TOLD_GLOSS = 1,       /* the file states metalness, roughness or gloss */
+    SCENE__TOLD_SPECULAR = 2,    /* it has a KHR_materials_specular, which is ignored */
     SCENE__TOLD_ANISOTROPY = 4,
-    SCENE__TOLD_OTHER = 8        /* it has other extensions, which are neither read nor returned by assimp */
+    SCENE__TOLD_OTHER = 8        /* it has other extensions that are ignored */
 };
 
 #ifdef SBL_RENDER_CJSON
@@ -75,14 +75,15 @@ static void scene__part_lights(scene_file *file, cJSON *root) {
     if (!old || !cJSON_ReplaceItemInObjectCaseSensitive(all, "lights", lights)) cJSON_Delete(lights);
 }
 
-/* Returns the letter of an animation sampler: L (LINEAR, the default), S (STEP) or C (CUBICSPLINE). */
+/* Returns the letter for the interpolation of an animation sampler: L (LINEAR, the default), S (STEP) or C
+   (CUBICSPLINE). */
 static char scene__letter(const cJSON *sampler) {
     const char *words = cJSON_GetStringValue(scene__item(sampler, "interpolation"));
     return words && strcmp(words, "STEP") == 0 ? 'S' : words && strcmp(words, "CUBICSPLINE") == 0 ? 'C' : 'L';
 }
 
-/* Gives each node that is animated or has a camera a unique name. The name ends with a letter for its translation,
-   rotation and scale each, which tells how the first animation of the node moves it; "-": it does not. See
+/* Gives each node that is animated or has a camera a unique name. The name ends with one letter each for translation,
+   rotation and scale: the interpolation in the first animation of the node, or "-" if this is not animated. See
    scene__motion_kind. */
 static void scene__name_animated(scene_file *file, cJSON *root) {
     static const char *const paths[] = { "translation", "rotation", "scale" };
@@ -120,9 +121,10 @@ static void scene__name_animated(scene_file *file, cJSON *root) {
     free(all);
 }
 
-/* Returns the index of refraction that a material of the file has in sbl.h. 0 in the file means infinite. A factor of 0
-   in KHR_materials_specular removes the reflections of what is not metal. A black colour there is read like that, too,
-   because Blender writes it for matte surfaces, although glTF still has reflections at grazing angles then. */
+/* Returns the index of refraction that sbl.h uses for a material of the file; 0 means no reflections except those of
+   metal. A KHR_materials_ior of 0 means infinite. A factor of 0 in KHR_materials_specular removes the reflections. A
+   black colour there counts as a factor of 0, because Blender writes it for matte surfaces, although glTF would keep
+   reflections at grazing angles. */
 static double scene__ior_of(const cJSON *extensions) {
     const cJSON *ior = scene__item(scene__item(extensions, "KHR_materials_ior"), "ior");
     const cJSON *specular = scene__item(extensions, "KHR_materials_specular"), *number;
@@ -135,7 +137,7 @@ static double scene__ior_of(const cJSON *extensions) {
     return value == 0.0 || value > SCENE__MOST_IOR ? SCENE__MOST_IOR : value > 1 ? value : 1;
 }
 
-/* Returns the SCENE__TOLD_... bits of a material of the file. */
+/* Returns the SCENE__TOLD_ bits of a material of the file. */
 static int scene__bits_of(const cJSON *material) {
     static const char start[] = "KHR_materials_";
     static const struct { const char *name; int bits; } known[] = { { "anisotropy", SCENE__TOLD_ANISOTROPY },
@@ -154,14 +156,14 @@ static int scene__bits_of(const cJSON *material) {
         if (strncmp(name, start, sizeof start - 1) != 0) continue;
         while (i < most && strcmp(name + sizeof start - 1, known[i].name) != 0) i++;
         bits |= i < most ? known[i].bits : SCENE__TOLD_OTHER;
-        /* without members, it changes nothing; if it removes reflections, it is read */
+        /* without members it changes nothing, and a factor of 0 is read, so neither is ignored */
         if (i < most && known[i].bits == SCENE__TOLD_SPECULAR && (!extension->child || scene__ior_of(extensions) <= 0))
             bits &= ~SCENE__TOLD_SPECULAR;
     }
     return bits;
 }
 
-/* Adds to the name of each material what scene__told_by expects. */
+/* Appends to the name of each material the facts that scene__told_by reads. */
 static void scene__name_materials(cJSON *root) {
     cJSON *material;
     cJSON_ArrayForEach(material, scene__item(root, "materials")) {
@@ -175,8 +177,8 @@ static void scene__name_materials(cJSON *root) {
     }
 }
 
-/* Puts the sets of texture coordinates of each primitive in order. A second set without a first one becomes both. Sets
-   after one that is missing are dropped. */
+/* Makes the sets of texture coordinates of each primitive contiguous. A TEXCOORD_1 without TEXCOORD_0 becomes both.
+   Sets after a missing one are dropped. */
 static void scene__order_texcoords(cJSON *root) {
     cJSON *mesh, *primitive;
     cJSON_ArrayForEach(mesh, scene__item(root, "meshes"))
@@ -198,8 +200,8 @@ static void scene__order_texcoords(cJSON *root) {
         }
 }
 
-/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. If there are several
-   lightmaps, all nodes with a mesh have one. */
+/* Puts before the name of each node with a lightmap placement the text that scene__place_of reads. If there are several
+   lightmaps, each node with a mesh gets one. */
 static void scene__name_places(scene_file *file, cJSON *root) {
     cJSON *node, *const nodes = scene__item(root, "nodes");
     int number = -1, several = 0;
@@ -253,27 +255,27 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
     if (file->frames_asked) scene__name_animated(file, root);
 }
 
-/* Replaces `length` bytes of JSON from `start` on by text. In a .glb, also updates the sizes. Returns 0 if memory runs
-   out. */
+/* Replaces `length` bytes of JSON at the offset `start` by a text. In a .glb, also updates the sizes. Returns 0 if
+   memory runs out. */
 static int scene__replace_json(scene__bytes *bytes, size_t start, size_t length, const char *text) {
     const int binary = start > 0;
     const size_t size = strlen(text), padded = binary ? (size + 3) & ~(size_t)3 : size;
-    const size_t rest = bytes->size - start - length, whole = start + padded + rest;
-    char *joined = (char *)malloc(whole + 1);
+    const size_t rest = bytes->size - start - length, total = start + padded + rest;
+    char *joined = (char *)malloc(total + 1);
     size_t i;
     if (!joined) return 0;
     memcpy(joined, bytes->data, start);
     memcpy(joined + start, text, size);
     memset(joined + start + size, ' ', padded - size);
     memcpy(joined + start + padded, bytes->data + start + length, rest);
-    joined[whole] = 0;
+    joined[total] = 0;
     for (i = 0; binary && i < 4; i++) {
-        joined[8 + i] = (char)(whole >> 8 * i & 255);
+        joined[8 + i] = (char)(total >> 8 * i & 255);
         joined[12 + i] = (char)(padded >> 8 * i & 255);
     }
     free(bytes->data);
     bytes->data = joined;
-    bytes->size = whole;
+    bytes->size = total;
     return 1;
 }
 #endif
@@ -286,7 +288,7 @@ static int scene__mentions(const scene__bytes *bytes, const char *word) {
     return 0;
 }
 
-/* Edits a file as described on top. bytes: the contents, which are replaced if something changes. */
+/* Edits a file as described at the top. bytes: the content, which is replaced if anything changes */
 static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
 #ifdef SBL_RENDER_CJSON
     const unsigned char *head = (const unsigned char *)bytes->data;

@@ -1,8 +1,8 @@
-/* Part of scene_file.h: the limit on memory, and memory in the pages that child and parent share.
+/* Part of scene_file.h: the memory limit, and allocation in the pages that child and parent share.
 
-   One limit covers everything that a file makes us use: the shared pages, the child's own memory (libraries allocate as
-   they like; RLIMIT_DATA stops them), and the memory that rendering the scene will need, as far as this can be
-   predicted. scene__afford checks known amounts in advance, so that the message can name their purpose. */
+   One limit covers all memory that a file can make the program use: the shared pages, the memory of the child itself
+   (RLIMIT_DATA stops libraries that allocate too much), and the predicted memory for rendering the scene. Where an
+   amount is known in advance, scene__afford checks it, so that the message can name its purpose. */
 #ifndef SCENE_MEMORY_H
 #define SCENE_MEMORY_H
 
@@ -12,7 +12,7 @@
 
 static double scene__gigabytes(double bytes) { return bytes / (1 << 30); }
 
-/* Returns number `field` (counted from 0) of the numbers in a file, times unit; SIZE_MAX if there is none. */
+/* Returns the number with the index `field` (from 0) in a file of numbers, times unit; SIZE_MAX if there is none. */
 static size_t scene__number_in(const char *path, int field, size_t unit) {
     unsigned long long number = 0;
     FILE *in = fopen(path, "r");
@@ -22,9 +22,9 @@ static size_t scene__number_in(const char *path, int field, size_t unit) {
     return ok && number <= SIZE_MAX / unit ? (size_t)number * unit : SIZE_MAX;
 }
 
-/* Returns the memory limit of the control groups (version 1 or 2) of this process: the least of the limits of its group
-   and all groups above it. In a container the path of a group may be that of the host and not exist; its root exists.
-   groups: /proc/self/cgroup; mount: /sys/fs/cgroup. */
+/* Returns the memory limit of the control groups (version 1 or 2) of this process: the smallest limit of its group and
+   all groups above it. In a container, the path may be the path on the host and not exist; the root group always
+   exists. groups: /proc/self/cgroup; mount: /sys/fs/cgroup */
 static size_t scene__group_limit(const char *groups, const char *mount) {
     char line[1024], path[2200], *name, *end;
     size_t least = SIZE_MAX, limit;
@@ -46,8 +46,8 @@ static size_t scene__group_limit(const char *groups, const char *mount) {
     return least;
 }
 
-/* Returns the memory limit in bytes. wanted: the user's choice, or 0. What ulimit -v leaves is divided by two, because
-   the shared pages and the child's own memory both need address space. */
+/* Returns the memory limit in bytes. The address space that ulimit -v leaves is divided by two, because the shared
+   pages and the memory of the child both need it. wanted: the user's choice, or 0 */
 static size_t scene__memory_limit(size_t wanted) {
     const size_t page = (size_t)sysconf(_SC_PAGESIZE), machine = (size_t)sysconf(_SC_PHYS_PAGES);
     const size_t group = scene__group_limit("/proc/self/cgroup", "/sys/fs/cgroup");
@@ -63,9 +63,9 @@ static size_t scene__memory_limit(size_t wanted) {
     return limit;
 }
 
-/* ---- in the child ---- */
+/* ---- functions of the child ---- */
 
-/* Returns the bytes that this process has allocated since its start, without the shared pages. */
+/* Returns the bytes that this process has allocated since its start, not counting the shared pages. */
 static size_t scene__own_memory(const scene_file *file) {
     char text[128];
     unsigned long pages = 0;
@@ -78,17 +78,17 @@ static size_t scene__own_memory(const scene_file *file) {
     return own > file->own_at_start ? own - file->own_at_start : 0;
 }
 
-/* Limits the child's own memory to what the shared pages leave. Sanitizers need more than any limit, so there is no
-   limit with them, and only scene__afford checks. */
+/* Limits the memory of the child itself to what the shared pages leave of the limit. With sanitizers, which exceed any
+   limit, only scene__afford checks. */
 static void scene__limit_own_memory(const scene_file *file) {
     struct rlimit limit;
     limit.rlim_cur = limit.rlim_max = file->own_at_start + (file->memory - file->used);
     if (!SCENE__SANITIZED) setrlimit(RLIMIT_DATA, &limit);
 }
 
-/* Checks that more memory is within the limit, and fails with an error otherwise. reading: bytes that the child needs
-   now, in addition to those that it has. rendering: bytes that rendering will need later, when the child is gone. what:
-   for the message, such as "texture wood.png". Returns 1 if the memory is within the limit. */
+/* Returns 1 if the limit allows further memory; otherwise sets the error. reading: bytes that the child needs now, in
+   addition to its current memory. rendering: bytes that rendering will need later, when the child has ended. what: the
+   purpose for the message, such as "texture wood.png" */
 static int scene__afford(scene_file *file, const char *what, double reading, double rendering) {
     const double now = reading + (double)scene__own_memory(file), later = rendering + file->rendering;
     const double total = (double)file->used + (now > later ? now : later);
@@ -108,9 +108,9 @@ static void scene__fail_for_memory(scene_file *file, const char *what) {
                 "--memory", what, scene__gigabytes((double)file->memory));
 }
 
-/* Returns zeroed memory in the shared pages; NULL, with an error, if they are full. */
+/* Allocates zeroed memory in the shared pages. Returns NULL and sets the error if they are full. */
 static void *scene__alloc(scene_file *file, size_t count, size_t bytes) {
-    const size_t step = 20;  /* limits are checked once per megabyte */
+    const size_t step = 20;  /* the limits are checked once per megabyte */
     size_t room = file->capacity - file->used, size;
     if (bytes && count > (SIZE_MAX - 15) / bytes) room = 0;
     size = (count * bytes + 15) & ~(size_t)15;

@@ -1,23 +1,23 @@
-/* Part of scene_file.h: where animated nodes are at a time.
+/* Part of scene_file.h: the poses of animated nodes.
 
-   Only the node of the camera and the nodes above it are read; other nodes stand still. Each node takes its movement
-   from the first animation of the file that moves it. Before its first key and after its last key it rests. */
+   Only the camera node and its ancestors are animated; all other nodes stay in place. Each node follows the first
+   animation of the file that moves it. It rests before its first key and after its last key. */
 #ifndef SCENE_MOTION_H
 #define SCENE_MOTION_H
 
 #include <math.h>
 #include <assimp/scene.h>
 
-/* A node, and what moves it. */
+/* A node and the animation channel that moves it. */
 typedef struct scene__link {
     const struct aiNode *node;
-    const struct aiNodeAnim *channel;  /* NULL: it stands still */
+    const struct aiNodeAnim *channel;  /* NULL: the node stands still */
     double rate;                       /* ticks per second */
 } scene__link;
 
-typedef struct scene__motion { scene__link *links; size_t count; } scene__motion;  /* from the camera upwards */
+typedef struct scene__motion { scene__link *links; size_t count; } scene__motion;  /* from the camera up to the root */
 
-/* Returns L, S, C or -, see scene__name_animated. path: 0 translation, 1 rotation, 2 scale. */
+/* Returns the letter L, S, C or - of a node; see scene__name_animated. path: 0 translation, 1 rotation, 2 scale */
 static char scene__motion_kind(const struct aiNode *node, int path) {
     const size_t length = node->mName.length;
     return length > 4 ? node->mName.data[length - 4 + (size_t)path] : '-';
@@ -30,8 +30,8 @@ static const struct aiNodeAnim *scene__channel_of(const struct aiAnimation *in, 
     return NULL;
 }
 
-/* Lists the nodes from the camera upwards. Returns whether one of them moves; otherwise sets the error. node: of the
-   camera, or NULL if no camera can be read. The caller frees the links. */
+/* Lists the nodes from the camera up to the root. Returns 1 if one of them moves in a supported way; otherwise sets the
+   error. node: the camera node, or NULL if no camera can be read. The caller frees m->links. */
 static int scene__motion_begin(scene__motion *m, scene_file *file, const struct aiScene *in,
                                const struct aiNode *node) {
     const struct aiNode *up;
@@ -67,7 +67,7 @@ static int scene__motion_begin(scene__motion *m, scene_file *file, const struct 
     return moves && !file->error[0];
 }
 
-/* Returns whether the animation moves only nodes of the motion. */
+/* Returns 1 if the animation moves only nodes of m. */
 static int scene__motion_has_all(const scene__motion *m, const struct aiAnimation *in) {
     unsigned k;
     size_t i;
@@ -79,14 +79,14 @@ static int scene__motion_has_all(const scene__motion *m, const struct aiAnimatio
     return 1;
 }
 
-/* Returns the share with which the second of two keys counts at a time, 0 to 1. */
+/* Returns the weight of the second of two keys at a time, from 0 to 1. */
 static double scene__share(double time, double first, double second) {
     const double share = second > first ? (time - first) / (second - first) : 1;
     return share > 0 ? share < 1 ? share : 1 : 0;
 }
 
-/* Returns the number of the last key that is not later than a time, or 0. A key begins with its time. size: of a key,
-   in bytes */
+/* Returns the index of the last key that is not later than a time, or 0 if all are later. A key begins with its time.
+   size: size of a key in bytes */
 static unsigned scene__key_at(const void *keys, size_t size, unsigned count, double time) {
     unsigned low = 0, high = count;
     while (high - low > 1) {
@@ -112,7 +112,7 @@ static struct aiVector3D scene__vector_at(const struct aiVectorKey *keys, unsign
     return v;
 }
 
-/* Interpolates the keys of a rotation, as w, x, y, z, along the shorter way. */
+/* Interpolates the keys of a rotation (w, x, y, z) along the shorter arc. */
 static void scene__rotation_at(const struct aiNodeAnim *c, double time, int steps, double out[4]) {
     const struct aiQuatKey *keys = c->mRotationKeys;
     const unsigned low = scene__key_at(keys, sizeof *keys, c->mNumRotationKeys, time);
@@ -130,7 +130,7 @@ static void scene__rotation_at(const struct aiNodeAnim *c, double time, int step
     for (k = 0; k < 4; k++) out[k] = weights[0] * out[k] + (cosine < 0 ? -weights[1] : weights[1]) * next[k];
 }
 
-/* Computes the transform of a node, relative to the node above it. frame: seconds per frame */
+/* Computes the transform of a node relative to its parent. frame: seconds per frame */
 static void scene__motion_pose(const scene__link *link, double seconds, double frame, struct aiMatrix4x4 *out) {
     const struct aiNodeAnim *c = link->channel;
     struct aiVector3D t = { 0, 0, 0 }, s = { 1, 1, 1 };
@@ -138,7 +138,8 @@ static void scene__motion_pose(const scene__link *link, double seconds, double f
     int k, steps[3];
     *out = link->node->mTransformation;
     if (!c) return;
-    /* The times of keys are rounded. A step that a key makes at the time of a frame must not come a frame late. */
+    /* The times of keys are rounded. The tolerance prevents that a STEP key at the time of a frame takes effect one
+       frame late. */
     times[0] = seconds * link->rate;
     times[1] = (seconds + 0.01 * frame) * link->rate;
     for (k = 0; k < 3; k++) steps[k] = scene__motion_kind(link->node, k) == 'S';

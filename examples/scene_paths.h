@@ -1,8 +1,8 @@
 /* Part of scene_file.h: decides which files a scene may refer to, and reads them.
 
-   The true place of a file decides, with all links and ".." resolved. Therefore the file is first opened without being
-   read (O_PATH, which has no side effects and never blocks), then the kernel is asked for its path (/proc/self/fd), and
-   then this same open file is read. Thus nobody can replace the file between the check and the reading. */
+   The path of a file with all links and ".." resolved decides. Therefore the file is first opened without reading
+   (O_PATH, which has no side effects and never blocks), then its path is read from the kernel (/proc/self/fd) and
+   checked, and then the same open file is read. Thus nobody can replace the file between the check and the reading. */
 #ifndef SCENE_PATHS_H
 #define SCENE_PATHS_H
 
@@ -13,18 +13,18 @@
 #include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#ifndef O_PATH  /* glibc declares it only with _GNU_SOURCE */
+#ifndef O_PATH  /* glibc declares O_PATH only with _GNU_SOURCE */
   #define O_PATH 010000000
 #endif
 
-enum { SCENE__PATH = 4096, SCENE__REFUSED = EXDEV /* errno for a file outside of the allowed folders */ };
+enum { SCENE__PATH = 4096, SCENE__REFUSED = EXDEV /* errno value for a file outside of the allowed folders */ };
 
 typedef struct scene__folders {
     struct { int handle; char path[SCENE__PATH]; } list[SCENE_FILE_FOLDERS + 1];
     int count;
 } scene__folders;
 
-/* Writes the path of an open file to out. Returns 0 and sets errno on failure. */
+/* Gets the path of an open file. Returns 0 and sets errno on failure. */
 static int scene__path_of(int handle, char out[SCENE__PATH]) {
     char link[64];
     ssize_t length;
@@ -35,7 +35,7 @@ static int scene__path_of(int handle, char out[SCENE__PATH]) {
     return 1;
 }
 
-/* Returns whether a path without links lies in one of the folders. */
+/* Returns 1 if a path without links is inside one of the folders. */
 static int scene__allowed(const scene__folders *folders, const char *path) {
     int i;
     for (i = 0; i < folders->count; i++) {
@@ -46,8 +46,8 @@ static int scene__allowed(const scene__folders *folders, const char *path) {
     return 0;
 }
 
-/* Opens a regular file for reading. folders: the allowed folders, or NULL for any. Returns -1 and sets errno on
-   failure. */
+/* Opens a regular file for reading. Returns -1 and sets errno on failure. folders: the allowed folders, or NULL to
+   allow all */
 static int scene__open_regular(const scene__folders *folders, const char *path) {
     const int found = open(path, O_PATH | O_CLOEXEC);
     char where[SCENE__PATH];
@@ -67,12 +67,12 @@ static int scene__open_regular(const scene__folders *folders, const char *path) 
     return handle;
 }
 
-/* Returns why a file could not be opened or read. */
+/* Returns a text that says why a file could not be opened or read, from errno. */
 static const char *scene__why(void) {
     return errno == EINVAL ? "it is a pipe or a device, not a file" : strerror(errno);
 }
 
-/* Sets the error for a file that was refused. */
+/* Sets the error about a refused file. */
 static void scene__refuse(scene_file *file, const char *path) {
     const int found = open(path, O_PATH | O_CLOEXEC);
     char where[SCENE__PATH];
@@ -82,7 +82,7 @@ static void scene__refuse(scene_file *file, const char *path) {
                 "the folder of that file with --allow-path", where);
 }
 
-/* Adds a folder. Returns 0 and sets errno on failure. */
+/* Adds an allowed folder. Returns 0 and sets errno on failure. */
 static int scene__add_folder(scene__folders *folders, const char *path) {
     const int low = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
     const int handle = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, 3);  /* the child redirects handles 0 to 2 */
@@ -101,7 +101,7 @@ static void scene__close_folders(scene__folders *folders) {
 
 typedef struct scene__bytes { char *data; size_t size; } scene__bytes;
 
-/* Reads a whole file, appends a zero byte, and closes the handle. Returns 0 and sets errno on failure. */
+/* Reads a complete file, appends a zero byte, and closes the handle. Returns 0 and sets errno on failure. */
 static int scene__read_all(scene_file *file, int handle, scene__bytes *out) {
     struct stat info;
     size_t got = 0;
@@ -130,7 +130,7 @@ static int scene__read_all(scene_file *file, int handle, scene__bytes *out) {
     return 1;
 }
 
-/* Reads a file that a scene refers to. Returns 0 and sets errno on failure, also if the file is refused. */
+/* Reads a file that a scene refers to. Returns 0 and sets errno on failure, also if the file is not allowed. */
 static int scene__slurp(scene_file *file, const char *path, scene__bytes *out) {
     const int handle = scene__open_regular(file->folders, path);
     out->data = NULL;

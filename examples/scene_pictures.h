@@ -1,4 +1,4 @@
-/* Part of scene_file.h: decodes pictures with stb_image: textures and the sky. */
+/* Part of scene_file.h: decodes textures and pictures of the sky with stb_image. */
 #ifndef SCENE_PICTURES_H
 #define SCENE_PICTURES_H
 
@@ -21,7 +21,7 @@ typedef struct scene__source {
 static int scene__source_read(void *user, char *out, int size) {
     scene__source *s = (scene__source *)user;
     size_t left = s->size - s->at, n = (size_t)size < left ? (size_t)size : left;
-    if (!n && s->strict) {  /* stb_image reads missing data as zeros, in some formats without end */
+    if (!n && s->strict) {  /* stb_image reads missing data as zeros, in some formats forever */
         scene__fail(s->file, "it ends too soon; copy or save it again");
         _exit(0);
     }
@@ -42,8 +42,8 @@ static size_t scene__bytes_of(const scene__pixels *p) {
     return (size_t)p->width * (size_t)p->height * (size_t)p->channels * (p->is_float ? sizeof(float) : 1);
 }
 
-/* Decodes a picture. channels: number of channels to convert to, or 0 for those of the file. Returns NULL, or the
-   reason of a failure. If the picture needs too much memory, reading the whole scene fails. */
+/* Decodes a picture. Returns NULL, or the reason of a failure. If the picture needs too much memory, the scene cannot
+   be read. channels: number of channels to convert to, or 0 for the channels of the file */
 static const char *scene__decode(scene__source *s, const char *name, int channels, scene__pixels *out) {
     const stbi_io_callbacks calls = { scene__source_read, scene__source_skip, scene__source_ended };
     char what[320];
@@ -58,8 +58,8 @@ static const char *scene__decode(scene__source *s, const char *name, int channel
     if (channels) out->channels = channels;
     if (out->width > STBI_MAX_DIMENSIONS || out->height > STBI_MAX_DIMENSIONS) return "too large";
     scene__print(what, sizeof what, "%.200s (%d x %d pixels)", name, out->width, out->height);
-    /* reading: the unpacked file, the decoded picture and the copy in the shared pages; rendering: four channels each
-       in sbl.h and in GL */
+    /* reading needs the unpacked file, the decoded picture and the copy in the shared pages; rendering needs four
+       channels each in sbl.h and in GL */
     texels = (double)out->width * out->height;
     if (!scene__afford(s->file, what, (is_wide ? 5.0 : 3.0) * (double)scene__bytes_of(out),
                        (out->is_float ? 16 : 8) * texels))
@@ -73,7 +73,7 @@ static const char *scene__decode(scene__source *s, const char *name, int channel
     return stbi_failure_reason();
 }
 
-/* Copies the pixels to the shared pages and frees them. Returns 0 if there is not enough memory. */
+/* Copies the pixels to the shared pages and frees them. Returns 0 if memory runs out. */
 static int scene__keep(scene_file *file, scene__pixels *from, sbl_texture *to) {
     void *copy = scene__alloc(file, scene__bytes_of(from), 1);
     if (copy) memcpy(copy, from->data, scene__bytes_of(from));
@@ -89,20 +89,20 @@ static int scene__keep(scene_file *file, scene__pixels *from, sbl_texture *to) {
 
 /* ---- the textures of a scene ---- */
 
-/* A picture inside of a scene file. If height is 0, data is a whole picture file of size bytes; otherwise texels of
-   four bytes, in the order blue, green, red, alpha. */
+/* A picture inside a scene file. If height is 0, data is a complete picture file of size bytes; otherwise it consists
+   of texels of four bytes in the order blue, green, red, alpha. */
 typedef struct scene__embedded { const void *data; size_t size; unsigned width, height; } scene__embedded;
 
 typedef struct scene__pictures {
     scene_file *file;
-    const char *path;    /* path of the scene */
-    int (*embedded)(const void *scene, const char *name, scene__embedded *out);  /* 0: there is no such picture */
+    const char *path;    /* path of the scene file */
+    int (*embedded)(const void *scene, const char *name, scene__embedded *out);  /* returns 0 if absent */
     const void *scene;
     sbl_texture *textures;
     int count, room;
-    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; int linear; } *keys;  /* one per texture; names by
-                                                                                             malloc */
-    char **failed;       /* names of pictures that cannot be read, so that each is tried only once */
+    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; int linear; } *keys;  /* one per texture; the names
+                                                                                             are from malloc */
+    char **failed;       /* names of pictures that could not be read, so that each is tried only once */
     int failed_count, failed_room;
 } scene__pictures;
 
@@ -112,9 +112,9 @@ static char *scene__copy_name(const char *name) {
     return copy;
 }
 
-/* Writes a guess at the path of a picture to `to`, which must be as long as name. attempt: 0 takes the name unchanged;
-   1 turns backslashes to slashes; 2 also decodes characters such as %20; 3 also drops the folders; 4 instead drops
-   everything up to the last blank, because assimp leaves options that it does not understand in the name. */
+/* Writes a guess at the path of a picture to `to`, which must be as long as name. attempt: 0 keeps the name; 1 turns
+   backslashes into slashes; 2 also decodes characters such as %20; 3 also removes the folders; 4 instead removes
+   everything up to the last blank, because assimp leaves unknown options in the name */
 static void scene__guess_path(const char *name, int attempt, char *to) {
     char *start = to, *bare;
     unsigned byte;
@@ -133,8 +133,8 @@ static void scene__guess_path(const char *name, int attempt, char *to) {
     if (attempt >= 3 && bare) memmove(start, bare + 1, strlen(bare));
 }
 
-/* Reads a picture file that a scene refers to, relative to the folder of the scene. If no guess at its path can be read
-   and one was refused, reading the whole scene fails. */
+/* Reads a picture file that a scene refers to, relative to the folder of the scene. Returns 0 and sets errno on
+   failure. If no guess at its path can be read and one was outside of the allowed folders, the scene cannot be read. */
 static int scene__slurp_picture(const scene__pictures *p, const char *name, scene__bytes *out) {
     const char *slash = strrchr(p->path, '/');
     const size_t folder = slash ? (size_t)(slash - p->path) + 1 : 0;
@@ -172,7 +172,7 @@ static const char *scene__convert_texels(scene_file *file, const scene__embedded
     return NULL;
 }
 
-/* Reads or decodes a picture. Returns NULL, or the reason of a failure. */
+/* Reads and decodes a picture. Returns NULL, or the reason of a failure. */
 static const char *scene__read_picture(const scene__pictures *p, const char *name, scene__pixels *out) {
     scene__embedded inside = { NULL, 0, 0, 0 };
     scene__bytes bytes = { NULL, 0 };
@@ -196,7 +196,7 @@ static const char *scene__read_picture(const scene__pictures *p, const char *nam
     return wrong;
 }
 
-/* Reads a picture. On failure returns 0 with a warning; the material then keeps its plain colour. */
+/* Reads a picture. Returns 0 and adds a warning on failure; the material then keeps its plain colour. */
 static int scene__picture(scene__pictures *p, const char *name, scene__pixels *out) {
     const char *wrong;
     int i;
@@ -218,15 +218,15 @@ static int scene__picture(scene__pictures *p, const char *name, scene__pixels *o
     return 0;
 }
 
-/* Returns the texel of p that is nearest to texel x, y of a picture with the size of `of`. */
+/* Returns the texel of p that is nearest to the texel x, y of a picture with the size of `of`. */
 static const stbi_uc *scene__texel(const scene__pixels *p, int x, int y, const scene__pixels *of) {
     const int64_t row = (int64_t)y * p->height / of->height, column = (int64_t)x * p->width / of->width;
     return (const stbi_uc *)p->data + (row * p->width + column) * p->channels;
 }
 
-/* Combines albedo and mask into one picture with four channels. The alpha is that of the mask, or its grey value if the
-   mask has no alpha. The result has the greater size; the other picture is sampled at the nearest texel. Returns 0 on
-   failure. */
+/* Combines albedo (white if missing) and mask into one RGBA picture that replaces *albedo. Its alpha is the alpha of
+   the mask, or the first channel of a mask without alpha. Its size is the larger width and the larger height; both
+   pictures are sampled at the nearest texel. Returns 0 on failure. */
 static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scene__pixels *mask) {
     scene__pixels out = { NULL, 0, 0, 4, 0 };
     stbi_uc *to;
@@ -248,9 +248,9 @@ static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scen
     return 1;
 }
 
-/* Returns the number of a texture, counted from 1, which is read unless it is known already; 0 if it cannot be read.
-   albedo, mask: names of pictures, or NULL. linear: 1: its bytes are no colours. A picture that is used in both
-   ways becomes two textures. */
+/* Returns the number of a texture, from 1, and reads it if it is new. Returns 0 if it cannot be read. albedo, mask:
+   names of pictures, or NULL. linear: 1 if its values are not colours; a picture that is used in both ways becomes two
+   textures */
 static int scene__texture(scene__pictures *p, const char *albedo, const char *mask, sbl_wrap wrap, int linear) {
     scene__pixels pixels, mask_pixels;
     struct scene__texture_key *key = &p->keys[p->count];
@@ -259,7 +259,7 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
         if (strcmp(p->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(p->keys[i].mask, mask ? mask : "") == 0 &&
             p->keys[i].wrap == wrap && p->keys[i].linear == linear)
             return i + 1;
-    if (p->count == p->room) return 0;  /* cannot happen: there are at most five per material */
+    if (p->count == p->room) return 0;  /* cannot happen, because a material has at most five textures */
     memset(&pixels, 0, sizeof pixels);
     if (albedo) scene__picture(p, albedo, &pixels);
     if (mask && scene__picture(p, mask, &mask_pixels)) {
@@ -280,7 +280,7 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
     return p->count;
 }
 
-/* Returns whether red, green and blue are equal in all texels. */
+/* Returns 1 if red, green and blue are equal in all texels. */
 static int scene__is_grey(const sbl_texture *t) {
     const size_t count = (size_t)t->width * (size_t)t->height, size = t->format == SBL_PIXELS_FLOAT ? sizeof(float) : 1;
     const char *at = (const char *)t->pixels;

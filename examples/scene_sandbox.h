@@ -1,12 +1,14 @@
-/* Part of scene_file.h: restrictions by the kernel on the process that reads a scene. They need no privileges and are
-   independent of each other. scene_file_options.log receives which of them are active.
+/* Part of scene_file.h: the kernel restricts the process that reads a scene. The restrictions need no privileges and
+   are independent of each other. scene_file_options.log reports which of them are active.
 
-       limits    processor time, written files (none), core dumps (none)
-       Landlock  no access to files except for reading below the allowed folders; no TCP and no signals to other
-                 processes, if the kernel supports these rules
-       seccomp   no system calls except those in scene__calls: no network, no new process or program, no tracing
+       limits    limits processor time, and forbids writing files and core dumps
+       Landlock  allows only reading of files below the allowed folders; forbids TCP and signals to other processes, if
+                 the kernel supports these rules
+       seccomp   allows only the system calls in scene__calls, and thus no network, no new process or program, no
+                 tracing
 
-   Linux only. Not used with sanitizers, which read files and trace processes themselves. */
+   Only Linux has these restrictions. They are not used with sanitizers, which read files and trace processes
+   themselves. */
 #ifndef SCENE_SANDBOX_H
 #define SCENE_SANDBOX_H
 
@@ -18,24 +20,24 @@
   #include <sys/prctl.h>
   #include <sys/syscall.h>
 
-/* ---- Landlock: numbers are defined here, because older kernel headers lack them ---- */
+/* ---- Landlock; its constants are defined here, because older kernel headers lack them ---- */
 
 enum { SCENE__LANDLOCK_CREATE = 444, SCENE__LANDLOCK_ADD = 445, SCENE__LANDLOCK_ENTER = 446 };
 typedef struct scene__ruleset { uint64_t files, net, scopes; } scene__ruleset;
-typedef struct scene__rule { uint64_t rights; int32_t folder; } scene__rule;  /* packed in the kernel: 12 bytes */
+typedef struct scene__rule { uint64_t rights; int32_t folder; } scene__rule;  /* 12 bytes in the kernel */
 
-/* Returns the version of Landlock that is now active, or 0. */
+/* Activates Landlock. Returns its version, or 0 if it is not available. */
 static int scene__enter_landlock(const scene__folders *folders) {
     const uint64_t read_file = 1 << 2;
     const int version = (int)syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1);
     scene__ruleset set = { (1 << 13) - 1, 0, 0 };
     int i, ruleset, ok;
     if (version < 1) return 0;
-    if (version >= 2) set.files |= 1 << 13;  /* refer: renaming and linking across folders */
-    if (version >= 3) set.files |= 1 << 14;  /* truncate */
-    if (version >= 4) set.net = 3;           /* bind and connect */
-    if (version >= 5) set.files |= 1 << 15;  /* ioctl on devices */
-    if (version >= 6) set.scopes = 3;        /* abstract sockets and signals */
+    if (version >= 2) set.files |= 1 << 13;  /* forbids renaming and linking across folders */
+    if (version >= 3) set.files |= 1 << 14;  /* forbids truncation */
+    if (version >= 4) set.net = 3;           /* forbids bind and connect */
+    if (version >= 5) set.files |= 1 << 15;  /* forbids ioctl on devices */
+    if (version >= 6) set.scopes = 3;        /* forbids abstract sockets, and signals to other processes */
     ruleset = (int)syscall(SCENE__LANDLOCK_CREATE, &set, sizeof set, 0);
     if (ruleset < 0) return 0;
     for (i = 0, ok = 1; i < folders->count && ok; i++) {
@@ -62,8 +64,8 @@ static int scene__enter_landlock(const scene__folders *folders) {
   #ifdef SCENE__MACHINE
 enum { SCENE__OWN_PID = -1 };
 
-/* A call is allowed if the bits of `mask` in argument number `argument` equal `value`. All other calls fail with
-   ENOSYS, as on a kernel that lacks them, which libraries can handle. */
+/* The allowed calls. A call is allowed if the bits of `mask` in the argument with the index `argument` equal `value`.
+   All other calls fail with ENOSYS, as on a kernel that lacks them, which libraries can handle. */
 static const struct scene__call { int number, argument; unsigned mask; int value; } scene__calls[] = {
     { SYS_read, 0, 0, 0 }, { SYS_pread64, 0, 0, 0 }, { SYS_readv, 0, 0, 0 }, { SYS_lseek, 0, 0, 0 },
     { SYS_write, 0, 0, 0 }, { SYS_writev, 0, 0, 0 }, { SYS_close, 0, 0, 0 }, { SYS_fstat, 0, 0, 0 },
@@ -74,17 +76,18 @@ static const struct scene__call { int number, argument; unsigned mask; int value
     { SYS_prlimit64, 0, ~0u, 0 }, { SYS_setrlimit, 0, 0, 0 }, { SYS_getrlimit, 0, 0, 0 },
     { SYS_futex, 0, 0, 0 }, { SYS_rt_sigaction, 0, 0, 0 }, { SYS_rt_sigprocmask, 0, 0, 0 },
     { SYS_rt_sigreturn, 0, 0, 0 }, { SYS_restart_syscall, 0, 0, 0 }, { SYS_getpid, 0, 0, 0 }, { SYS_gettid, 0, 0, 0 },
-    { SYS_tgkill, 0, ~0u, SCENE__OWN_PID },  /* abort */
+    { SYS_tgkill, 0, ~0u, SCENE__OWN_PID },  /* used by abort */
     { SYS_exit, 0, 0, 0 }, { SYS_exit_group, 0, 0, 0 },
     { SYS_clock_gettime, 0, 0, 0 }, { SYS_gettimeofday, 0, 0, 0 }, { SYS_clock_nanosleep, 0, 0, 0 },
     { SYS_getrandom, 0, 0, 0 }, { SYS_sched_yield, 0, 0, 0 }, { SYS_sysinfo, 0, 0, 0 },
-    #ifdef SYS_open  /* the older calls of x86-64 */
+    #ifdef SYS_open  /* older calls of x86-64 */
     { SYS_open, 1, O_ACCMODE | O_CREAT | O_TRUNC, O_RDONLY },
     { SYS_stat, 0, 0, 0 }, { SYS_lstat, 0, 0, 0 }, { SYS_readlink, 0, 0, 0 }, { SYS_time, 0, 0, 0 },
     #endif
 };
 
-/* Builds and installs the filter. Each call takes six instructions: compare its number, then check its argument. */
+/* Builds and installs the filter. Returns 1 on success. Each allowed call takes six instructions: one compares its
+   number, the others check its argument. */
 static int scene__enter_seccomp(void) {
     enum { CALLS = sizeof scene__calls / sizeof *scene__calls, REFUSE = SECCOMP_RET_ERRNO | ENOSYS };
     const unsigned low = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? 0 : 4;
@@ -122,7 +125,7 @@ static void scene__close_range(unsigned from, unsigned to) {
     for (; from <= to && from < 4096; from++) close((int)from);
 }
 
-/* Closes all handles that the host had open, except 0 to 2 and those in kept. */
+/* Closes all handles that the host had open, except for 0 to 2 and those in kept. */
 static void scene__close_others(const int *kept, int count) {
     unsigned from = 3, next;
     int i;
@@ -141,7 +144,7 @@ static void scene__limit(int what, rlim_t soft, rlim_t hard) {
     setrlimit(what, &limit);
 }
 
-/* Confines this process: from now on it can only read, compute and end. The handles in kept stay open. */
+/* Confines this process. From then on, it can only read, compute and exit. The handles in kept stay open. */
 static void scene__confine(scene_file *file, double seconds, const int *kept, int count) {
     const rlim_t whole = (rlim_t)seconds + 1;
     int landlock = 0, seccomp = 0;

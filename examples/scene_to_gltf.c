@@ -1,6 +1,6 @@
-/* Demonstrates how a scene file is read and written as glTF: scene_to_gltf SCENE FOLDER/FILE.gltf. scripts/sbl_unwrap
-   uses it for scenes of other formats. It also writes FOLDER/scene.bin and a FOLDER/texture_N.png for each texture.
-   Existing files are overwritten. */
+/* Demonstrates how to read a scene file and write it as glTF: scene_to_gltf SCENE FOLDER/FILE.gltf. It also writes
+   FOLDER/scene.bin, and a FOLDER/texture_N.png for each texture, and overwrites existing files. scripts/sbl_unwrap uses
+   it for scenes in other formats. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "picture_file.h"
@@ -14,7 +14,8 @@ static int fail(const char *path, const char *why) {
 
 enum { THE_BIN = -1, THE_GLTF = -2 };
 
-/* Writes one file: a texture, given by its number, THE_BIN or THE_GLTF. path: the .gltf. */
+/* Writes one file. Returns 0 and prints a message on failure. what: the index of a texture, THE_BIN or THE_GLTF. path:
+   path of the .gltf */
 static int write_one(const gltf_file *f, const char *path, int what) {
     const char *slash = strrchr(path, '/');
     const int folder = what == THE_GLTF || !slash ? 0 : (int)(slash - path) + 1;

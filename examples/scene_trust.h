@@ -1,12 +1,12 @@
-/* Part of scene_file.h: the parent's checks of the pages that its child wrote.
+/* Part of scene_file.h: the parent checks the pages that its child wrote.
 
-   Someone who took control of the child may have written anything there, such as pointers into the parent's own memory
-   or functions for the parent to call. Therefore only fields that the converter sets are used, and only arrays that lie
-   completely in the pages. sbl.h checks the values in them, as for any host. */
+   An attacker who controls the child can write anything into these pages, such as pointers into the memory of the
+   parent, or functions for the parent to call. Therefore the parent uses only the fields that the converter sets, and
+   only arrays that are completely inside the pages. sbl.h checks the values in the arrays, as for any host. */
 #ifndef SCENE_TRUST_H
 #define SCENE_TRUST_H
 
-/* Returns whether an array lies completely in the pages. NULL is valid for an array without elements. */
+/* Returns 1 if an array is completely inside the pages. NULL is valid for an array without elements. */
 static int scene__holds(const scene_file *file, const void *array, double count, size_t bytes) {
     const uintptr_t start = (uintptr_t)file, at = (uintptr_t)array;
     if (!array) return count == 0;
@@ -14,7 +14,8 @@ static int scene__holds(const scene_file *file, const void *array, double count,
            count * (double)bytes <= (double)(start + file->used - at);
 }
 
-/* Checks a stream of `components` floats per vertex, or of indices, and resets its other fields. */
+/* Checks a stream of `components` floats per vertex, or of indices, and resets its other fields. Returns 0 if it is not
+   valid. */
 static int scene__trust_stream(const scene_file *file, sbl_stream *s, int count, size_t components, sbl_type type) {
     const void *data = s->data;
     memset(s, 0, sizeof *s);
@@ -53,8 +54,8 @@ static int scene__trust_map(const scene_file *file, int mesh) {
            isfinite(p->scale[0] + p->scale[1] + p->offset[0] + p->offset[1]);
 }
 
-/* Returns whether everything is valid. Fields that the converter never sets become 0. capacity: the parent's own
-   copy. */
+/* Returns 1 if everything is valid. Fields that the converter never sets become 0. capacity: the size of the pages, as
+   the parent knows it */
 static int scene__trust(scene_file *file, size_t capacity) {
     const sbl_scene_desc in = file->scene;
     sbl_scene_desc *out = &file->scene;

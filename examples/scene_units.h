@@ -1,25 +1,25 @@
 /* Part of scene_file.h: the units of lights.
 
-   sbl.h computes with numbers. They fit each other if emission and sky are radiance, point and spot lights are radiance
-   times area, and directional lights are irradiance. The units of glTF fit: nit, candela and lux. Blender computes with
-   watts, and its exporter ("Khronos glTF Blender I/O") writes emission unchanged, but lights in another unit:
+   sbl.h computes with plain numbers. They are consistent if emission and sky are radiance, point and spot lights are
+   radiance times area, and directional lights are irradiance. The units of glTF are consistent: nit, candela and lux.
+   Blender computes in watts; its exporter ("Khronos glTF Blender I/O") writes emission unchanged, but converts lights:
 
        since 3.4   Standard, the default: W/m2 times 683 for suns, W times 683 / (4 pi) for point and spot lights
                    Unitless, a setting: the same without 683
        before 3.4  W/m2 for suns, W for point and spot lights
 
-   Here, lights get back the unit that Blender renders emission with, so that a sun of strength 1 has the irradiance 1.
-   The file does not contain the setting. The intensity of a sun shows it: 10 lux in Standard are a strength of 0.015,
-   which is black in Blender's pictures, whereas the usual strengths 1 to 10 are 1 to 10 lux in Unitless. */
+   This file converts the lights back to the unit of emission in Blender, so that a sun of strength 1 has the irradiance
+   1. The file does not record the setting, but the intensity of a sun reveals it: 10 lux in Standard mean a strength of
+   0.015, which is black in a picture of Blender, whereas the usual strengths, 1 to 10, are 1 to 10 lux in Unitless. */
 #ifndef SCENE_UNITS_H
 #define SCENE_UNITS_H
 
 #define SCENE__LUMENS_PER_WATT 683
-#define SCENE__LUX_LEAST 10
+#define SCENE__LUX_MIN 10
 
 static const struct scene__unit {
     double lamp, sun;  /* factors for point and spot lights, and for directional lights */
-    const char *note;  /* what was assumed; %d.%d is the version of the exporter */
+    const char *note;  /* the assumption, as a note for the user; %d.%d is the version of the exporter */
 } scene__units[SCENE_UNITS_COUNT] = {
     { 1, 1, NULL },
     { 1.0 / SCENE__LUMENS_PER_WATT, 1.0 / SCENE__LUMENS_PER_WATT,
@@ -31,7 +31,8 @@ static const struct scene__unit {
       "were divided by 4 pi; --light-scale 1 uses them as they are" }
 };
 
-/* In the child: recognises Blender's exporter by asset.generator, once the lights are converted. */
+/* Runs in the child, after the lights are converted: recognises the exporter of Blender by asset.generator, and sets
+   file->units. */
 static void scene__find_units(scene_file *file, const char *generator) {
     int *version = file->exporter_version, i, k;
     float sun = 0;
@@ -40,11 +41,12 @@ static void scene__find_units(scene_file *file, const char *generator) {
         for (k = 0; k < 3 && file->scene.lights[i].kind == SBL_LIGHT_DIRECTIONAL; k++)
             if (file->scene.lights[i].intensity[k] > sun) sun = file->scene.lights[i].intensity[k];
     if (version[0] < 3 || (version[0] == 3 && version[1] < 4)) file->units = SCENE_UNITS_BLENDER_RAW;
-    else if (sun > 0 && sun < SCENE__LUX_LEAST) file->units = SCENE_UNITS_BLENDER_UNITLESS;
+    else if (sun > 0 && sun < SCENE__LUX_MIN) file->units = SCENE_UNITS_BLENDER_UNITLESS;
     else file->units = SCENE_UNITS_BLENDER;
 }
 
-/* Multiplies the lights. scale: the factor; if it is below 0, the factor that fits the exporter of the file */
+/* Multiplies the intensities of the lights by a factor. scale: the factor; if negative, the factor that undoes the
+   conversion of the exporter */
 static inline void scene_file_scale_lights(scene_file *file, double scale) {
     const struct scene__unit *unit = &scene__units[file->units];
     int i, k;
@@ -55,7 +57,8 @@ static inline void scene_file_scale_lights(scene_file *file, double scale) {
     }
 }
 
-/* Writes what scene_file_scale_lights assumes with a scale below 0; an empty text if it assumes nothing. */
+/* Writes a note about the assumption of scene_file_scale_lights for a negative scale, or an empty text if it assumes
+   nothing. */
 static inline void scene_file_note_units(const scene_file *file, char *out, size_t size) {
     const char *note = scene__units[file->units].note;
     int i, lamps = 0;

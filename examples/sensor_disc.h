@@ -1,12 +1,13 @@
-/* Draws what a traced sensor sees as a disc. A direction is drawn at its projection onto the tangent plane, so that
-   equal areas of the disc have equal weight. Each pixel shows the radiance of the nearest ray. Rays towards lamps are
-   drawn as dots, red if they are blocked. */
+/* Draws the view of a traced sensor as a disc. Each direction is projected onto the tangent plane, so that equal areas
+   of the disc have equal weight. Each pixel shows the radiance of the nearest ray. Rays to lamps are drawn as dots,
+   which are red if the ray is blocked. */
 #ifndef SENSOR_DISC_H
 #define SENSOR_DISC_H
 
 #include <math.h>
 
-/* Computes two tangents of the sensor. up points towards world +y, or -z if the normal is parallel to y. */
+/* Computes two tangents of the sensor. up points towards world +y, or towards -z if the normal is nearly parallel to
+   y. */
 static void sensor_disc_axes(const sbl_sensor *s, double right[3], double up[3]) {
     const float *n = s->normal;
     const double lean = fabs((double)n[1]) > 0.999;
@@ -27,7 +28,7 @@ static double sensor_disc_dot(const double a[3], const float b[3]) {
     return a[0] * (double)b[0] + a[1] * (double)b[1] + a[2] * (double)b[2];
 }
 
-/* rgb: receives size * size * 3 floats, linear, top row first; black outside of the disc. */
+/* Draws the disc. rgb: receives size * size * 3 linear floats, top row first; black outside of the disc */
 static void sensor_disc(const sbl_sensor *s, int size, float *rgb) {
     double right[3], up[3];
     int i, k, x, y;

@@ -1,4 +1,4 @@
-/* Prints what a sensor measured: its sums, its rays and its lamps. Include after sbl.h. */
+/* Prints the measurement of a sensor: its sums, its rays and its lamps. Include after sbl.h. */
 #ifndef SENSOR_WORDS_H
 #define SENSOR_WORDS_H
 
@@ -18,7 +18,7 @@ static void sensor__print_lamp(const sbl_sensor *s, int number) {
     printf(" %d of %d rays arrive\n", l->open, l->rays);
 }
 
-/* Prints the lamps that contribute most, or would contribute most if nothing blocked them. */
+/* Prints the lamps with the greatest contributions; a blocked lamp counts with its unblocked contribution. */
 static void sensor__print_lamps(const sbl_sensor *s) {
     double *worth = (double *)calloc((size_t)s->lamp_count + 1, sizeof *worth);
     int i, k, best;
@@ -36,7 +36,7 @@ static void sensor__print_lamps(const sbl_sensor *s) {
     free(worth);
 }
 
-/* Prints what the sensor of a pixel measured. sheet_sum: sum of weight times radiance over the sheet. */
+/* Prints the measurement of the sensor at a pixel. sheet_sum: sum of weight times radiance over the sheet */
 static void sensor_print(const sbl_sensor *s, const int pixel[2], const double sheet_sum[3]) {
     int i, aimed = 0;
     for (i = 0; i < s->ray_count; i++) aimed += s->rays[i].lamp >= 0;

@@ -1,5 +1,5 @@
-/* Shared by the tools: messages, signals and a progress bar. Include after sbl.h and output_file.h.
-   Define TOOL_NAME (such as "sbl_render") and TOOL_MAKES (such as "picture") first. */
+/* Messages, signals and a progress bar for all tools. Include after sbl.h and output_file.h. Define TOOL_NAME (such as
+   "sbl_render") and TOOL_MAKES (such as "picture") first. */
 #ifndef TOOL_H
 #define TOOL_H
 
@@ -8,14 +8,14 @@
 #include <sys/mman.h>
 #include <sys/time.h>
 
-/* Exit statuses. The number of the signal is added to INTERRUPTED. */
+/* Exit statuses. After a signal, the status is INTERRUPTED plus the number of the signal. */
 enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };
 
-static volatile sig_atomic_t interrupted;  /* number of the signal that was received, or 0 */
+static volatile sig_atomic_t interrupted;  /* number of the received signal, or 0 */
 
 #define DRIVER_WAIT 6  /* seconds after a signal until the program ends, if the driver does not return */
 
-/* A second signal ends the program at once. */
+/* Notes a signal. A second signal ends the program at once. */
 static void on_interrupt(int number) {
     if (interrupted) { output_abandon(); _exit(INTERRUPTED + number); }
     interrupted = number;
@@ -42,8 +42,8 @@ static void catch_signals(void) {
             sigaction(numbers[i], &action, NULL);
     signal(SIGALRM, on_driver_wait);
     signal(SIGPIPE, SIG_IGN);  /* writing to a closed pipe fails instead of ending the program */
-    signal(SIGXFSZ, SIG_IGN);  /* exceeding the limit on file size is a failed write, too */
-    /* Open closed standard handles: otherwise an output file could get number 2, and receive messages. */
+    signal(SIGXFSZ, SIG_IGN);  /* exceeding the file size limit also becomes a failed write */
+    /* Opens standard handles that are closed. Otherwise an output file could get number 2 and receive messages. */
     do handle = open("/dev/null", O_RDWR);
     while (handle >= 0 && handle <= STDERR_FILENO);
     if (handle >= 0) close(handle);
@@ -55,7 +55,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-6 * (double)t.tv_usec;
 }
 
-/* ---- messages: one line each, even if names of files and meshes contain line breaks ---- */
+/* ---- messages, each of one line, even if names of files and meshes contain line breaks ---- */
 
 static void say(const char *kind, const char *format, va_list arguments) {
     char text[1024], *c;
@@ -65,7 +65,7 @@ static void say(const char *kind, const char *format, va_list arguments) {
     fprintf(stderr, TOOL_NAME ": %s%s\n", kind, text);
 }
 
-/* fail, misuse and stop print a message and return the exit status. */
+/* The functions fail, misuse and stop print a message and return the exit status. */
 static int fail(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -105,7 +105,7 @@ static inline void warn(const char *format, ...) {
 
 static int verbose;  /* 1: --verbose was given */
 
-/* Prints what the tool chose or found, in one line, only with --verbose. */
+/* With --verbose, prints a choice or finding of the tool in one line. */
 static inline void detail(const char *format, ...) {
     va_list arguments;
     if (!verbose) return;
@@ -119,7 +119,7 @@ static inline void detail(const char *format, ...) {
 typedef struct progress {
     int shown;
     double start, last;
-    double from, to;  /* the current work takes the bar from share `from` to share `to`; both 0: the whole bar */
+    double from, to;  /* the current work moves the bar from this share to that; both 0: the complete bar */
 } progress;
 
 static inline int on_progress(float done, void *user) {
@@ -137,27 +137,27 @@ static inline int on_progress(float done, void *user) {
         fflush(stderr);
         p->last = time;
     }
-    return 0;  /* never cancels: that would lose the unfinished picture */
+    return 0;  /* never cancels, because that would lose the unfinished picture */
 }
 
-/* Removes the progress bar from its line. */
+/* Erases the progress bar. */
 static inline void clear_progress(const progress *p) { if (p->shown) fprintf(stderr, "\r%70s\r", ""); }
 
-/* ---- work ---- */
+/* ---- running the work ---- */
 
-#define WORK_SLICE 0.25  /* seconds; about the longest time until a signal is handled */
-#define WORK_LINGER 2.0  /* seconds; a second signal ends the program at once */
+#define WORK_SLICE 0.25  /* seconds per step; about the longest time until a signal is handled */
+#define WORK_LINGER 2.0  /* seconds; see work_to_save */
 
-/* Works until the picture is finished, or returns SBL_UNFINISHED when a signal arrives. */
+/* Works until the result is finished, or returns SBL_UNFINISHED after a signal. */
 static inline sbl_result work(sbl_context *context) {
     sbl_result result = SBL_UNFINISHED;
     while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, WORK_SLICE);
     return result;
 }
 
-#define WORK_GLANCE 0.02  /* seconds; the slices of work_until are short, because it looks for the channel after each */
+#define WORK_GLANCE 0.02  /* seconds per step of work_until, which checks for the channel after each step */
 
-/* Works until a channel can be read, or a signal arrives. */
+/* Works until a channel can be read, or until a signal arrives. */
 static inline sbl_result work_until(sbl_context *context, sbl_channel channel) {
     sbl_result result = SBL_UNFINISHED;
     while (result == SBL_UNFINISHED && !interrupted && !sbl_channel_texture(context, channel))
@@ -165,14 +165,15 @@ static inline sbl_result work_until(sbl_context *context, sbl_channel channel) {
     return result;
 }
 
-/* Like `work` for pictures and lightmaps, but works on for up to WORK_LINGER seconds after a signal if there is nothing
-   to save yet. In SBL_MODE_GI, sbl.h makes a first picture of direct light when it is asked for one. */
+/* Works like `work` on a picture or lightmap. If a signal arrives before anything can be saved, it works for up to
+   WORK_LINGER further seconds. In SBL_MODE_GI, asking for the channel makes sbl.h compute a first picture of direct
+   light. */
 static inline sbl_result work_to_save(sbl_context *context) {
     sbl_result result = work(context);
     const double end = now() + WORK_LINGER;
     while (result == SBL_UNFINISHED && now() < end && !sbl_channel_texture(context, SBL_CHANNEL_FINAL))
         result = sbl_step(context, WORK_SLICE);
-    alarm(0);  /* the driver has returned; the unfinished work may take long to write */
+    alarm(0);  /* the driver has returned; writing the unfinished result may take longer than DRIVER_WAIT */
     return result;
 }
 

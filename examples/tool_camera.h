@@ -1,5 +1,5 @@
-/* The camera of tools that draw: options, which follow the common options in the table of the tool, and matrices.
-   Include after tool_scene.h and tool_survey.h. */
+/* The camera of tools that draw pictures: its options, which follow the common options in the table of the tool, and
+   its matrices. Include after tool_scene.h and tool_survey.h. */
 #ifndef TOOL_CAMERA_H
 #define TOOL_CAMERA_H
 
@@ -33,24 +33,25 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
     { UP, "the direction that is up in the picture" }, \
     { FOV, "vertical field of view" }
 
-/* A camera. camera_choose chooses it without the options; camera_place lets the options replace parts of it. */
+/* A camera. camera_choose chooses it without the options; camera_place then lets the options replace parts of it. */
 typedef struct camera_view {
     double eye[3], forward[3], up[3], fov;
     int of_file;        /* 1: it is the camera of the file */
-    const char *where;  /* what --verbose says about it */
+    const char *where;  /* description of the choice for --verbose */
 } camera_view;
 
-/* Returns half of the field of view as its tangent, horizontally and vertically. */
+/* Computes the tangents of half of the field of view, horizontally and vertically. */
 static void camera__tangents(double fov, double out[2]) {
     out[1] = tan(fov * atan(1.0) / 90);
     out[0] = out[1] * camera.size[0] / camera.size[1];
 }
 
-/* Returns whether nobody has placed the camera of the file: it is where Blender puts the camera of a new file, in any
-   unit, and inside the bounds of the scene, so that parts of the model may surround it. */
+/* Returns 1 if the camera of the file seems never to have been placed by its author: it is where Blender puts the
+   camera of a new file, in any unit of length, and inside the bounds of the scene, so that the model may surround
+   it. */
 static int camera_is_unplaced(const scene_file *file, const survey *s) {
-    static const double defaults[2][3] = { { 7.48113, 5.34367, 6.50764 },    /* until 2.79 */
-                                           { 7.35889, 4.95831, 6.92579 } };  /* since 2.80 */
+    static const double defaults[2][3] = { { 7.48113, 5.34367, 6.50764 },    /* Blender until 2.79 */
+                                           { 7.35889, 4.95831, 6.92579 } };  /* Blender since 2.80 */
     const float *eye = file->camera.eye;
     int i, k, inside = file->has_camera, found = 0;
     for (k = 0; k < 3; k++) inside = inside && eye[k] > s->bounds.lowest[k] && eye[k] < s->bounds.highest[k];
@@ -63,7 +64,7 @@ static int camera_is_unplaced(const scene_file *file, const survey *s) {
     return found;
 }
 
-/* Takes a camera that a file describes. Returns 0 if its values are invalid. */
+/* Converts a camera of the file. Returns 0 if its values are invalid. */
 static int camera_take(const scene_file_camera *c, camera_view *view) {
     const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
     float unused[16];
@@ -82,7 +83,8 @@ static int camera_take(const scene_file_camera *c, camera_view *view) {
     return view->of_file = ok && view->fov >= 1 && view->fov <= 179;
 }
 
-/* Takes the camera of the file. Returns 0 if its values are invalid, or if nobody has placed it; it is then ignored. */
+/* Takes the camera of the file. Returns 0 if its values are invalid or its author never placed it; it is then
+   ignored. */
 static int camera_of_file(const scene_file *file, camera_view *view, const survey *s) {
     return view->of_file = file->has_camera && camera_take(&file->camera, view) && !camera_is_unplaced(file, s);
 }
@@ -96,13 +98,13 @@ static void camera__frame(const survey *s, camera_view *view) {
     right[0] = s->from[2] / length;
     right[1] = 0;
     right[2] = -s->from[0] / length;
-    up[0] = s->from[1] * right[2];  /* the cross product of from and right */
+    up[0] = s->from[1] * right[2];  /* cross product of from and right */
     up[1] = s->from[2] * right[0] - s->from[0] * right[2];
     up[2] = -s->from[1] * right[0];
     camera__tangents(view->fov, tangents);
     for (i = 0; i < 4; i++) most[i / 2][i % 2] = -1e300;
     for (i = 0; i < 8; i++) {
-        double x[2] = { 0, 0 }, towards = 0;  /* a corner from the centre: to the right and up; towards the camera */
+        double x[2] = { 0, 0 }, towards = 0;  /* a corner from the centre: to the right, up; towards the camera */
         for (k = 0; k < 3; k++) {
             const double half = (i >> k & 1 ? 0.5 : -0.5) * survey__size(s, k);
             x[0] += half * right[k];
@@ -128,8 +130,8 @@ static void camera__frame(const survey *s, camera_view *view) {
     view->where = "in front of an object";
 }
 
-/* Places the camera before the open side of a room, so that the opening covers the picture. An opening of another shape
-   may leave borders, which are at most half of the picture. */
+/* Places the camera in front of the open side of a room, so that the opening covers the picture. If the shapes differ,
+   borders may remain, which are at most half of the picture. */
 static void camera__look_in(const survey *s, camera_view *view) {
     const int axis = s->side / 2, across = axis == 0 ? 2 : 0;
     double tangents[2], wide, high, covers, distance;
@@ -148,10 +150,10 @@ static void camera__look_in(const survey *s, camera_view *view) {
     view->where = "in front of the open side of a room";
 }
 
-enum { CAMERA__ROOM_FOV = 60 };  /* degrees; the field of view inside a room, as of a wide-angle lens */
+enum { CAMERA__ROOM_FOV = 60 };  /* field of view inside a room in degrees, as of a wide-angle lens */
 
-/* Chooses the camera without looking at the options, except for the size of the picture and --fov: that of the file, or
-   one that shows the whole scene. */
+/* Chooses the camera of the file, or a camera that shows the complete scene. Of the options, only --size and --fov are
+   used. */
 static void camera_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
     int i;
     if (camera_of_file(file, view, s)) { if (given[FOV]) view->fov = camera.fov; return; }
@@ -166,8 +168,9 @@ static void camera_choose(camera_view *view, const scene_file *file, const int *
     if (s->kind == SURVEY_OPEN_ROOM) camera__look_in(s, view);
 }
 
-/* Lets the options replace parts of the camera. Given --look-at without --eye for an object, the camera is placed so
-   far from this point that it shows the whole scene. Without --look-at, --eye looks at the centre of the scene. */
+/* Lets the options replace parts of the camera. For an object with --look-at but without --eye, the camera is placed so
+   far from this point that it shows the complete scene. With --eye but without --look-at, the camera looks at the
+   centre of the scene. */
 static void camera__options(camera_view *view, const int *given, const survey *s) {
     double tangents[2], at[3], distance;
     int i;
@@ -184,7 +187,7 @@ static void camera__options(camera_view *view, const int *given, const survey *s
         if (given[UP]) view->up[i] = camera.up[i];
     }
     if (!given[LOOK_AT] && view->forward[0] == 0.0 && view->forward[1] == 0.0 && view->forward[2] == 0.0)
-        view->forward[2] = -1;  /* the eye is at the centre of the scene */
+        view->forward[2] = -1;  /* the eye is at the centre of the scene, so any direction will do */
     if (!given[UP] && view->forward[0] == 0.0 && view->forward[2] == 0.0) {
         view->up[0] = view->up[1] = 0;
         view->up[2] = view->forward[1] < 0 ? -1 : 1;
@@ -197,8 +200,8 @@ static int camera_matrices(float world_to_view[16], float view_to_clip[16], cons
     const double *eye = view->eye, *forward = view->forward, *up = view->up;
     double to[3], distance;
     int i;
-    /* The direction is made as long as the eye is far from the origin. Otherwise rounding to float would turn the
-       camera. */
+    /* The vector to the look-at point is made as long as the distance of the eye from the origin. With a shorter
+       vector, rounding to float would rotate the camera. */
     distance = sqrt(forward[0] * forward[0] + forward[1] * forward[1] + forward[2] * forward[2]);
     for (i = 0; i < 3; i++)
         to[i] = eye[i] + (distance > 0 ? forward[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
@@ -207,14 +210,14 @@ static int camera_matrices(float world_to_view[16], float view_to_clip[16], cons
                        (float)to[2], (float)up[0], (float)up[1], (float)up[2]);
 }
 
-/* Computes the matrices of the camera that was chosen, with the options. Returns 0 if the directions are degenerate. */
+/* Applies the options to the chosen camera and computes its matrices. Returns 0 if the directions are degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], camera_view *view, const int *given,
                         const survey *s) {
     camera__options(view, given, s);
     return camera_matrices(world_to_view, view_to_clip, view);
 }
 
-/* Writes a camera as the options that place it. */
+/* Writes a camera as the options that reproduce it. */
 static inline void camera_words(char *out, size_t size, const camera_view *c, const survey *s) {
     double at[3], length = 0, distance = 0;
     int k;

@@ -1,5 +1,5 @@
-/* Picture sequences: one picture per frame, each with a camera of its own. The cameras come from a file of --cameras,
-   or from the animated camera of a .gltf or .glb file. Include after tool_camera.h and tool_plan.h.
+/* Picture sequences: each frame has a picture and a camera of its own. The cameras come from the file of --cameras, or
+   from the animated camera of a .gltf or .glb file. Include after tool_camera.h and tool_plan.h.
 
    The file of --cameras is JSON, and lists one camera per frame, with these keys:
 
@@ -7,12 +7,12 @@
                     {"camera_to_world": [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 1, 3, 1], "fov": 35}]}
 
        eye, look_at     X, Y, Z: as --eye and --look-at, see tool_camera.h
-       up, fov          may be missing, and are then those of --up and --fov, or their defaults for --eye and --look-at
-       camera_to_world  in place of eye, look_at and up: a matrix of 16 numbers, column by column as in glTF; the camera
+       up, fov          optional; default: the values of --up and --fov, or their defaults for --eye and --look-at
+       camera_to_world  replaces eye, look_at and up: a matrix of 16 numbers, column by column as in glTF; the camera
                         looks along its -z axis, and its y axis is up
 
-   The first camera is frame 1. What all frames have in common is that of frame 1: the automatic exposure, and the light
-   of a studio. Thus a frame does not depend on which other frames a run makes. */
+   The first camera is frame 1. All frames use the automatic exposure and the studio light of frame 1. Thus a frame does
+   not depend on which other frames a run renders. */
 #ifndef TOOL_FRAMES_H
 #define TOOL_FRAMES_H
 
@@ -20,20 +20,20 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MOST = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; greatest size of the file */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; size of the file in bytes */
 
-/* A camera of the file, as options describe one. */
+/* A camera of the file, in the form of the options. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
 
 static struct tool_frames {
-    const char *file, *range;    /* of --cameras and --frames, or NULL */
-    double rate;                 /* of --fps */
-    int first, last;             /* the frames that this run makes; 0 if it makes a single picture */
-    int now;                     /* the frame that is being made, or 0 */
+    const char *file, *range;    /* values of --cameras and --frames, or NULL */
+    double rate;                 /* value of --fps */
+    int first, last;             /* the frames that this run renders; 0 if it renders a single picture */
+    int now;                     /* the frame that is being rendered, or 0 */
     const char *pattern;         /* file name of the pictures, with %d or %04d */
-    frame_camera *cameras;       /* from the file of --cameras; NULL: the camera is animated */
+    frame_camera *cameras;       /* from the file of --cameras; NULL if the camera is animated */
     int count;
-    struct tool_camera asked;    /* the camera of the options */
+    struct tool_camera asked;    /* the camera as the options set it */
 } frames = { .rate = 24 };
 
 enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
@@ -73,7 +73,7 @@ static void frames_free(void) {
     frames.cameras = NULL;
 }
 
-/* ---- the file of cameras ---- */
+/* ---- reading the file of cameras ---- */
 
 static int frames__refuse(int number, const char *key, const char *words) {
     return fail("--cameras %s: camera %d: \"%.64s\" %s", frames.file, number, key, words);
@@ -91,7 +91,7 @@ static const struct { const char *name; int count; double low, high; const char 
 
 typedef struct frames__values { double numbers[FRAME__KEYS][16]; int has[FRAME__KEYS]; } frames__values;
 
-/* Reads a number, or an array of numbers. Returns 0 if it is anything else, or out of range. */
+/* Reads a number or an array of numbers. Returns 0 if the item is anything else, or a number is out of range. */
 static int frames__numbers(const cJSON *item, int key, double *out) {
     const int count = frames__keys[key].count;
     const cJSON *number = item;
@@ -109,7 +109,7 @@ static int frames__numbers(const cJSON *item, int key, double *out) {
     return count == 1 || !number;
 }
 
-/* Reads the keys of camera `number`, counted from 1. Returns the exit status. */
+/* Reads the keys of the camera with this number, from 1. Returns the exit status. */
 static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
     const cJSON *child;
     char words[80];
@@ -134,9 +134,10 @@ static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
     return DONE;
 }
 
-/* Returns whether a matrix moves and turns a camera: right angles, no mirror, and 0, 0, 0, 1 as its last row. */
+/* Returns 1 if a matrix only moves and rotates: its axes are at right angles, it does not mirror, and its last row is
+   0, 0, 0, 1. */
 static int frames__is_camera(const double m[16]) {
-    double length[3], volume = 0;  /* negative: a mirror */
+    double length[3], volume = 0;  /* negative if the matrix mirrors */
     int i, ok = fabs(m[15] - 1) < 1e-6;
     for (i = 0; i < 3; i++) {
         const double *c = m + 4 * i;
@@ -151,7 +152,7 @@ static int frames__is_camera(const double m[16]) {
     return ok && volume > 0;
 }
 
-/* Reads one camera. Returns the exit status. */
+/* Reads one camera of the list. Returns the exit status. */
 static int frames__read_camera(const cJSON *item, int number, frame_camera *out) {
     frames__values v;
     const double *m = v.numbers[FRAME__MATRIX];
@@ -191,8 +192,8 @@ static int frames__read_list(const cJSON *root) {
     }
     frames.count = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
     if (!frames.count) return fail("--cameras %s: \"cameras\" must be a list of cameras", frames.file);
-    if (frames.count > FRAMES_MOST)
-        return fail("--cameras %s: it has %d cameras; at most %d are possible", frames.file, frames.count, FRAMES_MOST);
+    if (frames.count > FRAMES_MAX)
+        return fail("--cameras %s: it has %d cameras; at most %d are possible", frames.file, frames.count, FRAMES_MAX);
     frames.cameras = (frame_camera *)calloc((size_t)frames.count, sizeof *frames.cameras);
     if (!frames.cameras) return fail("out of memory");
     cJSON_ArrayForEach(child, list) {
@@ -203,7 +204,7 @@ static int frames__read_list(const cJSON *root) {
     return status;
 }
 
-/* Parses the text of the file, of `size` bytes and a zero byte. Returns the exit status. */
+/* Parses the text of the file, which has `size` bytes and a zero byte. Returns the exit status. */
 static int frames__parse(const char *text, size_t size) {
     const char *end = text, *c;
     int line = 1, status;
@@ -256,9 +257,9 @@ static int frames__read_range(void) {
     long first, last;
     first = last = isdigit((unsigned char)*text) ? strtol(text, &end, 10) : 0;
     if (first > 0 && *end == '-' && isdigit((unsigned char)end[1])) last = strtol(end + 1, &end, 10);
-    if (first < 1 || *end || last < first || last > FRAMES_MOST)
+    if (first < 1 || *end || last < first || last > FRAMES_MAX)
         return misuse("--frames %s: the value must be A-B or A, with numbers of frames from 1 to %d", text,
-                      FRAMES_MOST);
+                      FRAMES_MAX);
     if (frames.file && last > frames.count)
         return misuse("--frames %s: %s has %d cameras, so there is no frame %ld", text, frames.file, frames.count,
                       last);
@@ -267,7 +268,7 @@ static int frames__read_range(void) {
     return DONE;
 }
 
-/* Takes the K-th of N shares of the frames. Returns the exit status. */
+/* Reduces the frames of this run to the K-th of N shares. Returns the exit status. */
 static int frames__share(part_choice *part) {
     const int first = frames.first, all = frames.last - frames.first + 1;
     const int status = plan_part(part);
@@ -279,7 +280,7 @@ static int frames__share(part_choice *part) {
     return DONE;
 }
 
-/* Goes to a frame: its number is in the name of the output from now on. Returns 0 if that is not possible. */
+/* Starts a frame: common.output becomes the pattern with this number. Returns 0 if the pattern is not valid. */
 static int frames_go(int number) {
     static char name[PATH_MAX];
     frames.now = number;
@@ -287,8 +288,8 @@ static int frames_go(int number) {
     return numbered_name(name, sizeof name, frames.pattern, number);
 }
 
-/* Reads which frames are made, if any are; a run with frames goes to the first of them. part: --part; its text is NULL
-   if it was not given. Returns the exit status. */
+/* Reads the options for frames. If there are frames, starts the first of this run. Returns the exit status. part:
+   --part; its text is NULL if it was not given */
 static int frames_parse(const int *given, part_choice *part) {
     int status = DONE;
     if (given[FPS] && (given[CAMERAS] || !given[FRAMES]))
@@ -322,8 +323,8 @@ static int frames_parse(const int *given, part_choice *part) {
 
 /* ---- the camera of a frame ---- */
 
-/* Returns which options describe the camera of the frame, and gives them their values. given: the options that were
-   given; they are returned if there is no file of --cameras. */
+/* Sets the options that describe the camera of the current frame. Returns which options count as given. given: the
+   options of the command line, which are returned if there is no file of --cameras */
 static const int *frames_options(const int *given) {
     static int options_of_frame[CAMERA_END];
     const frame_camera *f;
@@ -341,8 +342,8 @@ static const int *frames_options(const int *given) {
     return options_of_frame;
 }
 
-/* Chooses a camera without the options, except for the size of the picture and --fov: that of the frame, if the camera
-   is animated; otherwise as camera_choose. Returns 0 if the camera of the frame is invalid. */
+/* Chooses the camera: if it is animated, the camera of the current frame, with --fov; otherwise as camera_choose does.
+   Returns 0 if the animated camera is invalid in this frame. */
 static int frames_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
     if (!frames.now || frames.cameras) { camera_choose(view, file, given, s); return 1; }
     if (frames.now > file->frame_count || !camera_take(&file->frames[frames.now - 1], view)) return 0;

@@ -1,4 +1,4 @@
-/* Reads a command line by a table of options, and prints the table for --help. Include after tool.h. */
+/* Reads a command line according to a table of options, and prints the table for --help. Include after tool.h. */
 #ifndef TOOL_OPTIONS_H
 #define TOOL_OPTIONS_H
 
@@ -9,15 +9,15 @@
 #include <string.h>
 
 typedef enum option_kind {
-    FLAG,             /* no value */
-    FLAG_OR_WORD,     /* a word may follow: an int, which becomes 1 + index into words */
-    TEXT,             /* a const char * */
-    CHOICE,           /* an int: index into words */
-    INTEGERS, SIZES,  /* count ints, separated by commas; SIZES: by x */
+    FLAG,             /* without a value */
+    FLAG_OR_WORD,     /* a word may follow; value is an int that becomes 1 + its index in words */
+    TEXT,             /* value is a const char * */
+    CHOICE,           /* value is an int, the index in words */
+    INTEGERS, SIZES,  /* count ints, separated by commas; SIZES: separated by x */
     NUMBERS, SHARES,  /* count doubles, separated by commas; SHARES: 2% means 0.02 */
     NUMBERS_OR_FILE,  /* count doubles, or a file name, which is stored in file; the last use of the option counts */
-    LIST,             /* at most count const char *, one for each use of the option */
-    BYTES             /* a size_t, such as 512M */
+    LIST,             /* up to count const char *, one for each use of the option */
+    BYTES             /* value is a size_t, such as 512M */
 } option_kind;
 
 enum { TOOL_NUMBERS = 4 };
@@ -26,20 +26,21 @@ typedef struct tool_option {
     const char *name, *argument;
     option_kind kind;
     void *value;
-    int count;                  /* how many numbers, up to TOOL_NUMBERS, or how often a text may be given */
+    int count;                  /* how many numbers, up to TOOL_NUMBERS; or how often a text may be given */
     double low, high;           /* range of each number */
-    const char *help;           /* lines, separated by \n */
-    const char *const *words;   /* CHOICE, FLAG_OR_WORD: the words, followed by NULL. NUMBERS: NULL, or one word and
-                                   NULL: the word may be given in place of the number, whose value is then NaN */
-    const char **file;          /* NULL: a file name is not allowed. Otherwise receives it, or NULL for numbers */
-    const char *synonym;        /* older name that is also accepted, or NULL */
-    const char *file_words;     /* with file: what the file is, for messages */
+    const char *help;           /* lines, separated by line breaks */
+    const char *const *words;   /* for CHOICE and FLAG_OR_WORD: the words, followed by NULL. For numbers: NULL, or one
+                                   word and NULL; the word may replace the number, whose value is then NAN, or 0 for
+                                   integers */
+    const char **file;          /* NULL: no file name is allowed; otherwise receives it, or NULL for numbers */
+    const char *synonym;        /* an older name that is also accepted, or NULL */
+    const char *file_words;     /* if file is not NULL: words for the file in messages */
 } tool_option;
 
-/* The help is a list of such lines: a heading starts a group, and the options of the group follow. */
+/* The help text is a list of such lines: a heading starts a group, and the options of the group follow. */
 typedef struct tool_line {
-    int option;                 /* number of the option in the table, or TOOL_HEADING */
-    const char *text;           /* the heading; or what --help says about the option, in at most 54 characters. NULL:
+    int option;                 /* index of the option in the table, or TOOL_HEADING */
+    const char *text;           /* the heading; or the text of --help for the option, with at most 54 characters; NULL:
                                    only --help all shows the option */
 } tool_line;
 
@@ -52,10 +53,10 @@ typedef struct tool_command {
     int option_count;
     int *given;                 /* one per option; receives 1 if the option is given */
     const char **files;         /* receives the arguments that are not options */
-    int file_count;             /* greatest number of such arguments */
+    int file_count;             /* greatest number of arguments in files */
 } tool_command;
 
-/* Prints an option with a help text of several lines. */
+/* Prints an option and its help text of one or more lines. */
 static void tool__print_option(const tool_option *o, const char *help, int synonym) {
     const char *gap = o->argument ? " " : "", *argument = o->argument ? o->argument : "", *line;
     int width = printf("  %s%s%s", o->name, gap, argument);
@@ -67,7 +68,7 @@ static void tool__print_option(const tool_option *o, const char *help, int synon
     }
 }
 
-/* Prints the options in groups: with all, every option with its whole text; otherwise the short lines. */
+/* Prints the options in groups. all: 1: every option with its complete text; 0: the short lines */
 static void tool_print_help(const tool_option *table, int option_count, const tool_line *lines, int line_count,
                             int all) {
     int i, k, others = 0;
@@ -88,7 +89,7 @@ static void tool_print_help(const tool_option *table, int option_count, const to
 
 static int tool__is_whole(const tool_option *o) { return o->kind == INTEGERS || o->kind == SIZES; }
 
-/* Reads count separated numbers into o->value. Returns 0 if the text is anything else. */
+/* Reads count separated numbers into o->value. Returns 0 if the text has another form or a number is out of range. */
 static int tool__numbers(const tool_option *o, const char *text) {
     double numbers[TOOL_NUMBERS];
     char *end;
@@ -116,7 +117,8 @@ static int tool__numbers(const tool_option *o, const char *text) {
     return 1;
 }
 
-/* Reads a number of bytes, which may end in K, M, G or T, into o->value. Returns 0 if the text is anything else. */
+/* Reads a number of bytes, which may end in K, M, G or T, into o->value. Returns 0 if the text has another form or the
+   number is out of range. */
 static int tool__bytes(const tool_option *o, const char *text) {
     static const char units[] = "KMGT";
     char *end;
@@ -128,26 +130,26 @@ static int tool__bytes(const tool_option *o, const char *text) {
     return 1;
 }
 
-/* Returns whether the text is a file name: it has an extension that begins with a letter and contains no comma. Numbers
-   with exponents, such as 1.e5, are not file names. */
+/* Returns 1 if the text is a file name: it has an extension that begins with a letter, and no comma after the point. A
+   number with an exponent, such as 1.e5, is not a file name. */
 static int tool__names_a_file(const char *text) {
     const char *point = strrchr(text, '.');
     return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') &&
         !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
-/* The words of options that several tools have. */
+/* The words of options that several tools share. */
 static const char *const exposure_words[] = { "auto", NULL };
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 
-/* Returns the index of the text in the words of an option, or -1. */
+/* Returns the index of a text in the words of an option, or -1. */
 static int tool__word(const tool_option *o, const char *text) {
     int k;
     for (k = 0; o->words[k] && strcmp(o->words[k], text) != 0; k++) continue;
     return o->words[k] ? k : -1;
 }
 
-/* Returns a number as people write it: 1048576 and 1e30, not 1.04858e+06 and 1e+30. */
+/* Writes a number as people do: 1048576 and 1e30, not 1.04858e+06 and 1e+30. Returns text. */
 static const char *tool__written(char text[32], double number) {
     char *plus;
     snprintf(text, 32, "%.15g", number);
@@ -156,7 +158,7 @@ static const char *tool__written(char text[32], double number) {
     return text;
 }
 
-/* Writes the value of an option that was given, in one way however it was spelled: 0.02, not 2%. */
+/* Writes the value of an option that was given, always in the same form: 0.02 also for 2%. */
 static inline void tool_value(const tool_option *o, char *out, size_t size) {
     char number[32];
     int i;
@@ -175,7 +177,7 @@ static inline void tool_value(const tool_option *o, char *out, size_t size) {
     }
 }
 
-/* Writes what the numbers of an option look like, such as "three numbers X,Y,Z from -1 to 1". */
+/* Describes the numbers of an option, such as "three numbers X,Y,Z from -1 to 1". */
 static void tool__describe_numbers(const tool_option *o, char *out, size_t size) {
     static const char *const counts[TOOL_NUMBERS] = { "a", "two", "three", "four" };
     const char *sign = o->kind == SHARES ? "%" : "", *whole = tool__is_whole(o) ? "whole " : "";
@@ -191,7 +193,7 @@ static void tool__describe_numbers(const tool_option *o, char *out, size_t size)
              o->file ? o->file_words : "");
 }
 
-/* Writes what a value of the option looks like. */
+/* Describes the allowed values of an option. */
 static void tool__describe(const tool_option *o, char *out, size_t size) {
     int k;
     out[0] = 0;
@@ -216,7 +218,7 @@ static int tool__refuse(const tool_option *o, const char *name, const char *valu
     return misuse("%s %s: the value must be %s", name, value, what);
 }
 
-/* Stores the value of an option. name: as the user typed it. Returns the exit status. */
+/* Stores the value of an option. Returns the exit status. name: as the user typed it */
 static int tool__take(const tool_option *o, const char *name, const char *value) {
     int k;
     switch (o->kind) {
@@ -243,7 +245,7 @@ static int tool__take(const tool_option *o, const char *name, const char *value)
     }
 }
 
-/* Returns the name of the option as it was typed if the argument is this name, alone or followed by "=" and a value.
+/* Returns the name or synonym of the option if the argument begins with it and either ends there or continues with "=".
    Otherwise returns NULL. */
 static const char *tool__named(const tool_option *o, const char *argument) {
     const char *const names[2] = { o->name, o->synonym };
@@ -255,10 +257,10 @@ static const char *tool__named(const tool_option *o, const char *argument) {
     return NULL;
 }
 
-enum { TOOL__TYPED = 40 };  /* longest name in which a typing error is looked for */
+enum { TOOL__TYPED = 40 };  /* longest name that is searched for typing errors */
 
 /* Returns how many letters must be inserted, removed, replaced or swapped with the next to turn one word into the
-   other. b: at most TOOL__TYPED letters. */
+   other. b: at most TOOL__TYPED letters */
 static int tool__typing_errors(const char *a, const char *b) {
     int rows[3][TOOL__TYPED + 1] = { { 0 } }, *before = rows[0], *above = rows[1], *row = rows[2], *freed, i, k;
     const int wide = (int)strlen(b);
@@ -280,8 +282,8 @@ static int tool__typing_errors(const char *a, const char *b) {
     return row[wide];
 }
 
-/* Reports an option that does not exist, and names the one that was probably meant: the name that differs by at most a
-   third of its letters, or the only one that begins like this. Returns the exit status. */
+/* Reports an option that does not exist, and suggests one: the most similar name if it differs by at most a third of
+   its letters, or the only name with this beginning. Returns the exit status. */
 static int tool__unknown(const tool_command *c, const char *argument) {
     const char *word = argument + strspn(argument, "-"), *meant = NULL, *begins = NULL;
     char typed[TOOL__TYPED + 1];
@@ -300,7 +302,7 @@ static int tool__unknown(const tool_command *c, const char *argument) {
     return misuse("there is no option %.*s; see --help", shown, argument);
 }
 
-/* Reads the whole command line. Returns the exit status. */
+/* Reads the complete command line. Returns the exit status. */
 static int tool_parse(const tool_command *c) {
     int i, k, status = DONE, only_files = 0, files = 0;
     char what[256];

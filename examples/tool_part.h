@@ -1,18 +1,18 @@
-/* Shared by tools that make parts of a whole: reads --part, numbers the names of parts, and describes options in one
-   line. Include after tool_scene.h and part_list.h. */
+/* For tools that work in parts: reads --part, numbers the file names of parts, and describes the options in one line.
+   Include after tool_scene.h and part_list.h. */
 #ifndef TOOL_PART_H
 #define TOOL_PART_H
 
 #define PLAN_HASH_START 0xcbf29ce484222325ULL
 
-/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. It begins with PLAN_HASH_START. */
+/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. The first call passes PLAN_HASH_START. */
 static unsigned long long plan_hash(unsigned long long hash, const void *data, size_t bytes) {
     const unsigned char *c = (const unsigned char *)data;
     while (bytes--) hash = (hash ^ *c++) * 0x100000001b3ULL;
     return hash;
 }
 
-/* Writes the options that were given as one line, except those in `without`, a list that ends with -1. */
+/* Writes the given options in one line, except for those in `without`, a list that ends with -1. */
 static void plan_options(char *out, size_t size, const tool_option *table, int count, const int *given,
                          const int *without) {
     char value[256];
@@ -28,13 +28,13 @@ static void plan_options(char *out, size_t size, const tool_option *table, int c
     }
 }
 
-/* What the help of --part says about auto/N and about %d in --output. */
+/* The help text of --part about auto/N and about %d in --output. */
 #define PLAN_AUTO_WORDS \
     "auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n" \
     "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). In the name of --output, %d becomes K, and\n" \
     "%04d becomes K with 4 digits"
 
-/* Variables in which schedulers give the number of a part, and the number of the first part there. */
+/* Environment variables in which job schedulers pass the number of a part, and the number of the first part there. */
 static const struct { const char *name; int first; } plan_variables[] = {
     { "SLURM_ARRAY_TASK_ID", 1 }, { "SGE_TASK_ID", 1 }, { "PBS_ARRAY_INDEX", 1 },
     { "JOB_COMPLETION_INDEX", 0 }, { "AWS_BATCH_JOB_ARRAY_INDEX", 0 }
@@ -43,7 +43,7 @@ static const struct { const char *name; int first; } plan_variables[] = {
 /* The values of --part K/N and --plan. */
 typedef struct part_choice { const char *text, *plan; int number, count; } part_choice;  /* number, count: K and N */
 
-/* Reads K and N from the text "K/N" or "auto/N". Returns the exit status. */
+/* Reads K and N from a text "K/N" or "auto/N". Returns the exit status. */
 static int plan_part(part_choice *part) {
     const char *text = part->text, *value = NULL, *rest = text;
     char *end;
@@ -67,16 +67,16 @@ static int plan_part(part_choice *part) {
         rest = end;
     }
     n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
-    if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
-        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
+    if (*rest != '/' || n < 1 || *end || n > PARTS_MAX || k < 1)
+        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MAX);
     if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
     part->number = (int)k;
     part->count = (int)n;
     return DONE;
 }
 
-/* Writes the name of a part: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
-   the pattern is anything else, or the name is too long. */
+/* Writes the file name of a part or frame: %d in the pattern, or %04d with any number of digits, becomes the number.
+   Returns 0 if the pattern has another form, or the name is too long. */
 static int numbered_name(char *out, size_t size, const char *pattern, int number) {
     const char *sign = strchr(pattern, '%');
     int digits = 0, length = 0;
@@ -86,8 +86,7 @@ static int numbered_name(char *out, size_t size, const char *pattern, int number
     return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
 }
 
-/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
-   status. */
+/* Reads the value of --part, and replaces %d in the output name by the number of the part. Returns the exit status. */
 static int plan_part_and_output(part_choice *part) {
     static char name[PATH_MAX];
     const int status = plan_part(part);

@@ -1,8 +1,8 @@
-/* Divides a picture into windows, for parts that several machines make, and for pictures that are too large to be made
-   at once. Include after tool_scene.h, tool_part.h, picture_file.h and picture_parts.h.
+/* Divides a picture into windows: for parts on several machines, and for pictures that are too large to be rendered at
+   once. Include after tool_scene.h, tool_part.h, picture_file.h and picture_parts.h.
 
-   A plan says which windows there are, and what all of them have in common: the facts of picture_parts.h. It is a text
-   file, one fact or window a line. Parts that are made with the same plan fit together, whatever their drivers. */
+   A plan lists the windows, and the facts that they share (see picture_parts.h). It is a text file with one fact or
+   window per line. Parts that were made with the same plan fit together, even if their GL drivers differ. */
 #ifndef TOOL_PLAN_H
 #define TOOL_PLAN_H
 
@@ -10,17 +10,18 @@
 #include <float.h>
 #include <sys/file.h>
 
-/* ---- cost ---- */
+/* ---- estimating the cost ---- */
 
-/* Sums over a small picture of the whole: sums[y * (width + 1) + x] is the cost of all pixels above y and left of x. */
+/* Sums of cost over a small version of the picture: sums[y * (width + 1) + x] is the cost of all pixels above y and
+   left of x. */
 typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 
-/* Cost of a pixel besides the looks that the small picture took there, as a share of the mean number of looks. Sensors
-   of the first level, which stand everywhere, are a larger share of the whole than of the small picture. Of four rooms,
-   0.2 to 0.6 fits best. */
+/* Cost of a pixel in addition to the looks that the small picture took there, relative to the mean number of looks. It
+   stands for the sensors of the first level, which are everywhere: their share is larger in the full picture than in
+   the small one. In four rooms, values from 0.2 to 0.6 fitted best. */
 #define PLAN_BASE 0.4
 
-/* looks: number of looks per pixel. Returns 0 if memory runs out. */
+/* Computes the sums. Returns 0 if memory runs out. looks: number of looks of each pixel */
 static int plan_cost_make(plan_cost *c, const image *looks) {
     const size_t across = (size_t)looks->width + 1;
     double base = 0;
@@ -39,7 +40,7 @@ static int plan_cost_make(plan_cost *c, const image *looks) {
     return 1;
 }
 
-/* Returns the cost of what is above and left of a place, which is given in shares of the picture. */
+/* Returns the cost of the area above and left of a point. x, y: shares of the width and height of the picture */
 static double plan__cost_before(const plan_cost *c, double x, double y) {
     const double px = fmin(fmax(x, 0), 1) * c->width, py = fmin(fmax(y, 0), 1) * c->height;
     const int ix = (int)fmin(px, c->width - 1), iy = (int)fmin(py, c->height - 1);
@@ -48,9 +49,9 @@ static double plan__cost_before(const plan_cost *c, double x, double y) {
     return (1 - fy) * ((1 - fx) * s[0] + fx * s[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
 }
 
-#define PLAN_MARGIN 12  /* pixels around a window that cost like those in it */
+#define PLAN_MARGIN 12  /* a border of this many pixels around a window costs as much as its pixels */
 
-/* Returns the cost of a window of a picture of this size. c: NULL: its area */
+/* Returns the cost of a window of a picture with this size. c: NULL: the cost is the area */
 static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) {
     const double x0 = (double)(w[0] - PLAN_MARGIN) / size[0], x1 = (double)(w[0] + w[2] + PLAN_MARGIN) / size[0];
     const double y0 = (double)(w[1] - PLAN_MARGIN) / size[1], y1 = (double)(w[1] + w[3] + PLAN_MARGIN) / size[1];
@@ -59,7 +60,7 @@ static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) 
            plan__cost_before(c, x0, y0);
 }
 
-/* ---- windows ---- */
+/* ---- dividing into windows ---- */
 
 typedef struct plan {
     picture_fact facts[PICTURE_FACTS];
@@ -75,8 +76,9 @@ static void plan_free(plan *p) {
     p->count = 0;
 }
 
-/* Cuts a window in two along an axis, 0 or 1, so that the first part has nearly this share of the cost, and both have
-   room for their windows. Returns the size of the first part along the axis; 0 if that is not possible. */
+/* Finds where to cut a window in two along an axis (0 or 1), so that the first part has nearly its share of the cost
+   and both parts have enough pixels for their windows. Returns the size of the first part along the axis, or 0 if no
+   cut is possible. counts: number of windows in each part */
 static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int axis, const int counts[2]) {
     const double share = (double)counts[0] / (counts[0] + counts[1]);
     const int step = w[2 + axis] >= 2 * PLAN_TILE ? PLAN_TILE : 1, other = w[3 - axis];
@@ -99,8 +101,8 @@ static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int 
     return best;
 }
 
-/* Divides a window into `count` windows of nearly the same cost, and adds them to p->windows. Returns 0 if it has too
-   few pixels. c: NULL: the cost is the area */
+/* Divides a window into `count` windows of nearly equal cost, and adds them to p->windows. Returns 0 if it has too few
+   pixels. c: NULL: the cost is the area */
 static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
     const int counts[2] = { count / 2, count - count / 2 }, longer = window[3] > window[2];
     int axis = longer, at, parts[2][4];
@@ -119,7 +121,7 @@ static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int
     return plan_divide(p, c, size, parts[0], counts[0]) && plan_divide(p, c, size, parts[1], counts[1]);
 }
 
-/* Returns whether the windows lie in a region and have as many pixels as it. */
+/* Returns 1 if the windows are inside a region and together have as many pixels. */
 static int plan_fills(const plan *p, const int region[4]) {
     double pixels = 0;
     int i, k, inside = 1;
@@ -150,8 +152,8 @@ static void plan_fact(plan *p, int fact, const char *format, ...) {
     va_end(arguments);
 }
 
-/* Sets the fact of the options, see plan_options. A control character, which a file name can contain, becomes a
-   question mark, because a fact of a plan is one line. */
+/* Sets the fact with the options; see plan_options. Control characters, which file names may contain, become question
+   marks, because a fact of a plan is one line. */
 static void plan_options_fact(plan *p, const tool_option *table, int count, const int *given, const int *without) {
     char *c = p->facts[FACT_OPTIONS].text;
     p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
@@ -159,25 +161,25 @@ static void plan_options_fact(plan *p, const tool_option *table, int count, cons
     for (; *c; c++) if ((unsigned char)*c < 32) *c = '?';
 }
 
-/* ---- the whole in a small size ---- */
+/* ---- the small version of a picture ---- */
 
-/* Returns how many times smaller than the whole the small picture or lightmap is from which windows get their mean and
-   price (see ON PARTS in sbl.h). across: width or height of the whole in pixels, whichever is larger */
+/* Returns the reduction factor of the small picture or lightmap from which windows get their mean and price (see ON
+   PARTS in sbl.h). across: width or height of the full picture in pixels, whichever is larger */
 static double plan_small(double across) {
-    enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* usual factor; least and greatest width or height */
+    enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* usual factor; range of the small width or height */
     return fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
 }
 
-#define PRICE_GROWTH 0.4  /* power of the number of pixels with which the price grows, see ON PARTS in sbl.h */
+#define PRICE_GROWTH 0.4  /* the price grows with this power of the number of pixels; see ON PARTS in sbl.h */
 
-/* Sets the facts of mean and price. stats: of a picture that is `shrink` times smaller than the whole */
+/* Sets the facts of mean and price. stats: of the small version. shrink: its reduction factor */
 static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) {
     const float *mean = stats->picture.mean_radiance;
     plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2]);
     plan_fact(p, FACT_PRICE, "%.9g", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH));
 }
 
-/* Returns whether a fact of a plan is what plan_mean_and_price or `look` writes. */
+/* Returns 1 if the text of a fact has the form that plan_mean_and_price or `look` writes. */
 static int plan__is_valid(int fact, const char *text) {
     const int count = fact == FACT_MEAN ? 3 : 1;
     double numbers[3];
@@ -189,7 +191,7 @@ static int plan__is_valid(int fact, const char *text) {
     return ok && !text[end];
 }
 
-/* Takes mean and price from the facts. */
+/* Gets mean and price from the facts. */
 static void plan_use(const plan *p, float mean[3], float *price) {
     double numbers[4] = { 0, 0, 0, 0 };
     int k;
@@ -199,7 +201,7 @@ static void plan_use(const plan *p, float mean[3], float *price) {
     *price = (float)numbers[3];
 }
 
-/* ---- the file ---- */
+/* ---- the file of a plan ---- */
 
 static int plan_write(FILE *out, const void *what) {
     const plan *p = (const plan *)what;
@@ -213,7 +215,7 @@ static int plan_write(FILE *out, const void *what) {
     return 1;
 }
 
-/* Reads the windows and the end of a plan. Returns whether they are valid. */
+/* Reads the windows and the end of a plan. Returns 1 if they are valid. */
 static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
     char line[128];
     int room = 0, end = -1;
@@ -226,39 +228,39 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
             p->windows = more;
             room += 1024;
         }
-        if (p->count == PARTS_MOST || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
+        if (p->count == PARTS_MAX || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
         if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[0] > size[0] - w[2] || w[1] > size[1] - w[3]) return 0;
         memcpy(p->windows[p->count++], w, sizeof w);
     }
     return p->count > 0 && end == p->count;
 }
 
-/* Reads a plan from a file. p has the facts that this run knows: all but mean, price and exposure, which are read.
-   Returns DONE; or FAILED with a message if the file is no plan, or one for another picture; or -1 if there is no file.
-   */
+/* Reads a plan from a file. p must already have the facts of this run, except for mean, price and exposure, which are
+   read. Returns DONE; or FAILED with a message if the file is not a plan, or a plan of another picture; or -1 if the
+   file does not exist. */
 static int plan_read(plan *p, const char *name, const int size[2]) {
     static char line[PICTURE_FACT_SIZE + 64];
     FILE *in = input_open(name);
-    int i, status = DONE, whole = 1;
+    int i, status = DONE, valid = 1;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
     if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
         status = fail("%s: it is no plan of parts", name);
-    for (i = 0; i < FACT_PART && whole && status == DONE; i++) {
+    for (i = 0; i < FACT_PART && valid && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
         const char *value = line + length + 1;
         char *end = fgets(line, sizeof line, in) ? strchr(line, '\n') : NULL;
-        whole = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
-        if (!whole) break;
+        valid = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
+        if (!valid) break;
         *end = 0;
         if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) {
             plan_fact(p, i, "%s", value);
-            whole = plan__is_valid(i, value);
+            valid = plan__is_valid(i, value);
         } else if (i != FACT_RENDERER && strcmp(value, p->facts[i].text))
             status = fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name",
                           name, fact_words[i], fact_shown(value), fact_shown(p->facts[i].text));
     }
-    if (status == DONE && !(whole && plan__read_windows(p, in, size)))
+    if (status == DONE && !(valid && plan__read_windows(p, in, size)))
         status = fail("%s: it is damaged; remove it", name);
     fclose(in);
     return status;
@@ -266,10 +268,10 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
 
 /* ---- the folder of finished windows ---- */
 
-/* The files of a picture that is made window by window: OUTPUT.parts/plan, /lock, /light, /1.exr, /2.exr, ... */
+/* The folder for the windows of a picture: OUTPUT.parts/plan, /lock, /light, /1.exr, /2.exr, ... */
 typedef struct plan_folder { char path[PATH_MAX]; int lock; } plan_folder;
 
-/* Writes the name of a file of the folder, which is valid until the next call. */
+/* Returns the path of a file in the folder. It is valid until the next call. */
 static const char *plan_file(const plan_folder *f, const char *name) {
     static char path[PATH_MAX + 300];
     snprintf(path, sizeof path, "%s/%s", f->path, name);
@@ -282,8 +284,7 @@ static const char *plan_window_file(const plan_folder *f, int number) {
     return plan_file(f, name);
 }
 
-/* Makes the folder if it does not exist, and locks it, so that two programs do not work in it. Returns the exit status.
-   */
+/* Creates the folder if it does not exist, and locks it against other programs. Returns the exit status. */
 static int plan_folder_open(plan_folder *f, const char *output) {
     if (snprintf(f->path, sizeof f->path, "%s.parts", output) >= (int)sizeof f->path - 16)
         return fail("%s: the name is too long", output);
@@ -295,7 +296,7 @@ static int plan_folder_open(plan_folder *f, const char *output) {
     return fail("%s: another program is making this picture", f->path);
 }
 
-/* Removes the folder with the files of `count` windows, and with temporary files that killed runs have left. */
+/* Removes the folder with the files of `count` windows, and temporary files of killed runs. */
 static void plan_folder_remove(const plan_folder *f, int count) {
     const struct dirent *entry;
     DIR *in = opendir(f->path);

@@ -1,7 +1,7 @@
-/* Shared by tools that read a scene, let sbl.h work on it, and write files: messages of sbl.h, common options, the
-   default sky, output files, statistics, stored light, and the order of these steps. Include after tool.h,
-   tool_options.h and output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: it then has --mode
-   paper. In the table of a tool, its own options follow the common options:
+/* The common parts of tools that read a scene, let sbl.h work on it, and write files: messages of sbl.h, common
+   options, the default sky, output files, statistics, stored light, and the order of these steps. Include after tool.h,
+   tool_options.h and output_file.h. Define TOOL_DRAWS first if the tool renders pictures, which adds --mode paper. The
+   table of a tool lists its own options after the common ones:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
@@ -11,18 +11,18 @@
 
 /* ---- messages of sbl.h ---- */
 
-/* Messages from sbl.h. The first error is printed if the work fails; warnings are printed if it succeeds. */
+/* Messages from sbl.h. If the work fails, the first error is printed; if it succeeds, the warnings are printed. */
 typedef struct messages {
     char error[640];
     int errors;
     char warnings[8][512];
     int warnings_kept;
-    char store[256];              /* what sbl_load_store has said, and its item; see load_store in tool_scene.h */
+    char store[256];              /* the message of sbl_load_store and its item; see load_store */
     sbl_log_item store_item;
     const scene_file *file;
 } messages;
 
-/* Keeps a warning, unless the same one is kept already. It is printed at the end if the work succeeds. */
+/* Stores a warning, unless the list already contains it. It is printed at the end if the work succeeds. */
 static inline void warn_later(messages *m, const char *format, ...) {
     va_list arguments;
     int i = 0;
@@ -38,7 +38,7 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
     messages *m = (messages *)user;
     int mesh;
     if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
-        const char *words = strstr(message, ": ");  /* after the name of the function */
+        const char *words = strstr(message, ": ");  /* the text after the name of the function */
         snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
         m->store_item = item;
         return;
@@ -67,10 +67,10 @@ static void on_breakdown(int number) {
     _exit(FAILED);
 }
 
-/* Returns whether ulimit -v leaves enough address space for a GL driver. If there is a limit, a driver that crashes
-   from now on ends the program with a message. */
+/* Returns 1 if ulimit -v leaves enough address space for a GL driver. If there is a limit, a later crash of the driver
+   ends the program with a message. */
 static int check_address_space(void) {
-    const size_t driver = (size_t)512 << 20;  /* what Mesa's software renderer needs on two cores */
+    const size_t driver = (size_t)512 << 20;  /* need of the software renderer of Mesa on two cores */
     struct rlimit limit;
     void *room;
     if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
@@ -89,7 +89,8 @@ static void on_confined(const char *path, const char *message, void *user) {
 
 /* ---- input files and streams ---- */
 
-/* Opens a regular file for reading, and never waits for a pipe or a device. Returns NULL and sets errno on failure. */
+/* Opens a regular file for reading, without ever waiting for a pipe or a device. Returns NULL and sets errno on
+   failure. */
 static inline FILE *input_open(const char *name) {
     const int handle = scene__open_regular(NULL, name);
     FILE *in = handle < 0 ? NULL : fdopen(handle, "rb");
@@ -103,7 +104,7 @@ static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(dat
 /* ---- options ---- */
 
 static struct tool_common {
-    const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: another file that is read, or NULL */
+    const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: a further input file, or NULL */
     int help_all, mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
     double sky[3], sky_rotation, sky_scale, sky_up[3], light_scale, epsilon, threshold;
     scene_file_options reading;
@@ -241,7 +242,7 @@ enum {
                         "exit status", help_words, NULL }, \
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version", NULL, NULL }
 
-/* The groups of the help that all tools have, see tool_line. */
+/* The lines of the help text that all tools share; see tool_line. */
 #define LIGHT_LINES \
     { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
     { SKY_ROTATION, "rotates the picture of the sky" }, \
@@ -265,7 +266,7 @@ enum {
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
 
-/* Refuses options that exclude each other. Returns the exit status. */
+/* Refuses options that contradict each other. Returns the exit status. */
 static int common_check(const int *given) {
     const sbl_mode mode = common_mode(given);
     if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
@@ -290,10 +291,10 @@ static int common_check(const int *given) {
 
 /* ---- options without effect ---- */
 
-static char without_effect[512];  /* names of options that were given, and why they have no effect */
+static char without_effect[512];  /* names of given options without effect, with the reasons */
 
-/* If the option was given and the condition is true, adds its name to without_effect. why: the reason, which is printed
-   in parentheses after the name */
+/* If the option was given and the condition is true, adds the option to without_effect. why: the reason, which is
+   printed in parentheses after the name */
 static void note_if(int condition, const int *given, const tool_option *table, int option, const char *why) {
     const size_t used = strlen(without_effect);
     if (condition && given[option])
@@ -301,7 +302,7 @@ static void note_if(int condition, const int *given, const tool_option *table, i
                  why);
 }
 
-/* Returns whether sensors draw views; otherwise they trace rays. */
+/* Returns 1 if sensors draw views, and 0 if they trace rays. */
 static int common_draws_views(const int *given) {
     return backends[common.backend] == SBL_BACKEND_RASTER || common_mode(given) == SBL_MODE_PAPER;
 }
@@ -313,7 +314,7 @@ static inline void common_note(const int *given, const tool_option *table) {
     note_if(common_mode(given) != SBL_MODE_GI, given, table, MAX_BOUNCE_CELLS, "only --mode gi has bounced light");
 }
 
-/* Notes for pictures and lightmaps. target_error: number of the option. */
+/* Notes options without effect on pictures and lightmaps. target_error: index of that option in the table */
 static inline void common_note_refinement(const int *given, const tool_option *table, int target_error) {
     note_if(common.tile == 1, given, table, THRESHOLD, "--tile 1 has a sensor at every pixel");
     note_if(given[RAYS] && common.tile == 1, given, table, target_error, "--rays and --tile decide");
@@ -321,10 +322,10 @@ static inline void common_note_refinement(const int *given, const tool_option *t
             "--rays and --threshold decide");
 }
 
-/* ---- options for sbl.h ---- */
+/* ---- converting options for sbl.h ---- */
 
-/* Converts a number from the command line, where 0 means 0, to a field of sbl.h, where 0 means the default and a
-   negative number means 0. */
+/* Converts a number of the command line to a field of sbl.h. On the command line 0 means 0; in a field 0 means the
+   default, and a negative number means 0. */
 static float zero_or(double x) { return (float)x > 0 ? (float)x : -1; }
 
 static inline sbl_options common_options(const int *given, progress *bar) {
@@ -344,7 +345,7 @@ static inline sbl_options common_options(const int *given, progress *bar) {
 
 /* ---- the light of the scene ---- */
 
-/* Returns whether the scene has lights or emitting surfaces. An empty scene counts as lit. */
+/* Returns 1 if the scene has lights or emitting surfaces. An empty scene counts as lit. */
 static int is_lit(const sbl_scene_desc *scene) {
     int i, k;
     if (scene->light_count > 0) return 1;
@@ -353,10 +354,10 @@ static int is_lit(const sbl_scene_desc *scene) {
     return scene->mesh_count == 0;
 }
 
-/* Returns whether the scene gets a default sky, because it emits no light and --sky was not given. */
+/* Returns 1 if the tool adds a default sky, because the scene emits no light and --sky was not given. */
 static int lit_by_us(const sbl_scene_desc *scene, const int *given) { return !given[SKY] && !is_lit(scene); }
 
-/* Returns the scene of the file with the sky of the options. sky: the picture of the sky, or NULL. */
+/* Returns the scene of the file with the sky of the options. sky: the picture of the sky, or NULL */
 static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky, const int *given) {
     sbl_scene_desc scene = file->scene;
     int i;
@@ -372,22 +373,22 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
     return scene;
 }
 
-/* ---- output files: written completely or not at all, and never over input files ---- */
+/* ---- output files, which are written completely or not at all, and never over input files ---- */
 
-enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 4096 };
-static output_file targets[TARGETS_MOST];
+enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MAX = 4096 };
+static output_file targets[TARGETS_MAX];
 static int target_count;
 
 static void targets_free(void) { while (target_count > 0) output_free(&targets[--target_count]); }
 
-/* Begins the list of targets with the files of --stats and --store. The tool adds its own files at OWN_TARGETS. */
+/* Begins the list of targets with the files of --stats and --store. The tool adds its own files from OWN_TARGETS on. */
 static void targets_begin(void) {
     if (common.stats) output_find(&targets[STATISTICS], common.stats);
     if (common.store) output_find(&targets[STORED], common.store);
     target_count = OWN_TARGETS;
 }
 
-/* Returns whether the file of --store need not be written, because it holds light that is kept. */
+/* Returns 1 if the file of --store will not be written, because it already holds light that is kept. */
 static int targets__store_stays(const int *given) {
     struct stat info;
     return !given[STORE_REPLACE] && stat(targets[STORED].path, &info) == 0 && info.st_size > 0;
@@ -419,7 +420,7 @@ static int targets_check(int checked, const int *given) {
     return status;
 }
 
-/* Checks that no target is a file that was read for the scene, such as a texture. Returns the exit status. */
+/* Checks that no target is a file that the scene was read from, such as a texture. Returns the exit status. */
 static int targets_check_read(const scene_file *file) {
     struct stat info;
     int i, k;
@@ -431,8 +432,8 @@ static int targets_check_read(const scene_file *file) {
     return DONE;
 }
 
-/* Writes a target and returns whether that succeeded. After a signal, only a target with `late` is written, which is
-   for unfinished results. */
+/* Writes a target. Returns 1 on success. After a signal this fails, unless `late` is 1, which is for unfinished
+   results. */
 static int target_write(output_file *target, output_writer write, const void *what, int late) {
     return output_write(target, write, what, late ? NULL : &interrupted);
 }
@@ -443,19 +444,19 @@ static int fail_to_write(const char *name) {
     return fail("%s: cannot be written: %s; free some space or give another file name", name, why_not_written());
 }
 
-/* ---- the task ---- */
+/* ---- the task of a tool ---- */
 
 typedef struct tool_task {
     const scene_file *file;
-    const sbl_scene_desc *scene;  /* the file with the sky of the options, and what the arranger added */
-    sbl_context *context;         /* its scene is set */
+    const sbl_scene_desc *scene;  /* the scene of the file, with the sky and the arranger's additions */
+    sbl_context *context;         /* has this scene set */
     messages *said;
-    double start, load;           /* time when the tool started; seconds spent reading the files */
-    const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
-    int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
-    int makes_store;              /* 1: the file of --store is not written yet */
-    sbl_stats stats;              /* of the work */
-    int has_stats;                /* 1: the worker has filled in the statistics, because it did several works */
+    double start, load;           /* time when the tool started; seconds spent on reading files */
+    const char *light;            /* describes the light added to a file without light; NULL: default sky */
+    int unplaced;                 /* 1: the camera of the file is ignored, because its author never placed it */
+    int makes_store;              /* 1: the file of --store has not been written yet */
+    sbl_stats stats;              /* statistics of the work */
+    int has_stats;                /* 1: the worker has filled in stats itself, because its work had several pieces */
 } tool_task;
 
 /* ---- statistics ---- */
@@ -476,7 +477,7 @@ static int write_stats(FILE *out, const void *what) {
     struct rusage self, child;
     int i;
     getrusage(RUSAGE_SELF, &self);
-    getrusage(RUSAGE_CHILDREN, &child);  /* the process that read the scene; it ended before this one grew */
+    getrusage(RUSAGE_CHILDREN, &child);  /* the process that read the scene; it ended before this process grew */
     if (child.ru_maxrss > self.ru_maxrss) self.ru_maxrss = child.ru_maxrss;
     fprintf(out, "{\n  \"version\": \"%s\",\n  \"renderer\": \"", sbl_version());
     for (c = capabilities.renderer; *c; c++) {
@@ -529,12 +530,12 @@ static int set_scene(const tool_task *task) {
 
 /* ---- stored bounced light ---- */
 
-/* The file of --store as it was before the work. All fields are 0 if it did not exist. */
+/* State of the file of --store before the work. All fields are 0 if it did not exist. */
 static struct stat store_before;
 
-/* Loads the file of --store, or decides that the light is to be computed and written there; task->makes_store receives
-   1 then. The rule is that no file is lost: what this program has not written is never replaced, and light of another
-   scene only with --store-replace. Returns the exit status. */
+/* Loads the file of --store, or sets task->makes_store if the light must be computed and written to it. No file may be
+   lost: a file that does not hold stored light is never replaced, and light of another scene only with --store-replace.
+   Returns the exit status. */
 static int load_store(tool_task *task, const int *given) {
     messages *said = task->said;
     const char *name = common.store;
@@ -561,7 +562,7 @@ static int load_store(tool_task *task, const int *given) {
     if (result != SBL_SUCCESS && said->store_item != SBL_LOG_ITEM_OTHER_STORE) return fail_with(said, name, result);
     if (task->makes_store) {
         if (!given[QUIET]) tell("--store %s: %s; new light will replace it", name, said->store);
-        /* drops what was loaded */
+        /* setting the scene again discards loaded light that is not used */
         return result == SBL_SUCCESS ? set_scene(task) : DONE;
     }
     if (result != SBL_SUCCESS)
@@ -571,7 +572,7 @@ static int load_store(tool_task *task, const int *given) {
     return DONE;
 }
 
-/* Writes the file of --store if that is still to be done, unless another program has written it since the work began.
+/* Writes the file of --store if that is still to be done and no other program has written it since the work began.
    Returns the exit status. */
 static int keep_store(tool_task *task, const int *given) {
     output_file *target = &targets[STORED];
@@ -593,7 +594,7 @@ static int keep_store(tool_task *task, const int *given) {
 }
 
 
-/* ---- what was found and chosen, for --verbose ---- */
+/* ---- choices and findings, for --verbose ---- */
 
 static void detail_light(const sbl_scene_desc *scene) {
     const sbl_material *m;
@@ -612,7 +613,7 @@ static void detail_light(const sbl_scene_desc *scene) {
                (double)scene->sky[0], (double)scene->sky[1], (double)scene->sky[2]);
 }
 
-/* Prints what was chosen for the work that was done last. */
+/* Prints the choices of the last work. */
 static void detail_choices(const tool_task *task) {
     const sbl_stats s = task->stats;
     detail("mode: %s", name_of_mode(s.mode));
@@ -628,13 +629,13 @@ static void detail_choices(const tool_task *task) {
 }
 
 
-/* ---- the whole tool ---- */
+/* ---- the order of the steps ---- */
 
-/* Does the tool's own work. seconds: receives the time from the start to the result, for the statistics. Returns the
-   exit status. */
+/* Does the work of a tool. Returns the exit status. seconds: receives the time from the start to the result, for the
+   statistics */
 typedef int (*tool_worker)(tool_task *task, double *seconds);
 
-/* Is called when the scene is set. It may change the scene and set it again. Returns the exit status. */
+/* Called after the scene is set; may change the scene and set it again. Returns the exit status. */
 typedef int (*tool_arranger)(tool_task *task, sbl_scene_desc *scene);
 
 static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
@@ -682,11 +683,11 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
 }
 
-static sbl_context_desc tool_context_desc;  /* a tool with a GL context of its own fills it in before the work */
+static sbl_context_desc tool_context_desc;  /* a tool with its own GL context fills this in before the work */
 
 /* Reads the scene, calls the worker, writes statistics and stored light, and prints warnings. Returns the exit status.
-   prepare: NULL, or a function that is called after the scene is read and before the work begins; it may change the
-   scene, and returns an exit status. arrange: NULL, or see tool_arranger. */
+   prepare: NULL, or a function that is called between reading the scene and the work; it may change the scene, and
+   returns an exit status. arrange: NULL, or see tool_arranger */
 static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(scene_file *file),
     tool_arranger arrange) {
     scene_file *file, *sky = NULL;

@@ -1,42 +1,42 @@
-/* Light for scenes that have none: a studio; and a backdrop for scenes that have light but no sky. Include after
-   tool_scene.h, tool_survey.h and tool_camera.h.
+/* Lights scenes that have no light with a studio, and defines a backdrop for scenes that have light but no sky. Include
+   after tool_scene.h, tool_survey.h and tool_camera.h.
 
-   An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
-   sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
-   that the edge of the ground is not seen. A white surface that faces the sun is about four times as bright as the
-   background. A scene that is looked at from inside gets no sun and no ground, but a wide lamp in its air, which the
-   camera does not see; the sky shines in.
+   An object stands on a large grey ground. The sky is bright at the zenith and fades towards the horizon, and a wide
+   sun shines from the upper left behind the camera. From the horizon down, the sky has the radiance of the ground, so
+   that the edge of the ground is invisible. A white surface that faces the sun is about four times as bright as the
+   background. A scene that is seen from inside gets no sun and no ground, but a wide lamp in mid-air, which the camera
+   does not see, and the light of the sky.
 
-   The ground is one more mesh after those of the file, with an index and an id above theirs, and one more material, so
-   that those of the file keep their numbers. The camera, and the bounds that it needs, are computed before. */
+   The ground is added after the meshes and materials of the file, with a greater index and id, so that the file's own
+   keep theirs. The camera and the bounds that it needs are computed before. */
 #ifndef TOOL_STUDIO_H
 #define TOOL_STUDIO_H
 
 #include <math.h>
 
-/* Values are R, or radiance, of red, green and blue. */
+/* The values are R, radiance or albedo in red, green and blue. */
 static const double studio__sun[3] = { 0.68, 0.66, 0.63 };     /* R of a surface that faces the sun */
-static const double studio__zenith[3] = { 0.60, 0.63, 0.68 };  /* radiance straight above */
+static const double studio__zenith[3] = { 0.60, 0.63, 0.68 };  /* radiance at the zenith */
 static const double studio__ground[3] = { 0.205, 0.2, 0.19 };  /* albedo */
-static const double studio__lamp[3] = { 0.80, 0.77, 0.72 };    /* R of a surface that faces a lamp at half the view */
-#define STUDIO__SUN_HEIGHT 0.75  /* sine of the sun's height */
-#define STUDIO__SUN_LEFT 0.9     /* angle between the sun and the direction behind the camera, seen from above */
-#define STUDIO__SUN_ANGLE 8.0f   /* degrees across, so that shadows are soft */
+static const double studio__lamp[3] = { 0.80, 0.77, 0.72 };    /* R of a surface that faces the lamp at half the view */
+#define STUDIO__SUN_HEIGHT 0.75  /* sine of the elevation of the sun */
+#define STUDIO__SUN_LEFT 0.9     /* angle from the direction behind the camera, seen from above */
+#define STUDIO__SUN_ANGLE 8.0f   /* angular diameter in degrees, which makes soft shadows */
 
 typedef struct studio {
-    double horizon[3];           /* radiance of the sky at the horizon and below, and of the ground far away */
+    double horizon[3];           /* radiance of the sky from the horizon down, and of the ground far away */
     sbl_light light;             /* the sun or the lamp */
-    sbl_mesh *meshes;            /* those of the file, and the ground; NULL without a ground */
+    sbl_mesh *meshes;            /* the meshes of the file and the ground; NULL without a ground */
     sbl_material *materials;
-    float corners[12];           /* of the ground */
+    float corners[12];           /* corners of the ground */
 } studio;
 
-/* What a .png shows behind a scene that has lights but no sky, at the lower edge of the picture. It lights nothing; see
+/* The radiance behind a scene that has lights but no sky, at the lower edge of a .png. It lights nothing; see
    sbl_picture_desc. */
 static const float studio_backdrop[3] = { 0.1f, 0.1f, 0.1f };
 
-/* Returns the weight of the zenith's radiance in the sky: 0 at the horizon, 1 at the zenith. h: the sine of the height.
-   The slope is 0 at the horizon, so that no line is seen there. */
+/* Returns the weight of the zenith in the radiance of the sky: 0 at the horizon, 1 at the zenith. The slope at the
+   horizon is 0, so that no line is visible there. h: sine of the elevation */
 static double studio__fade(double h) { return h > 0 ? h * h * (3 - 2 * h) : 0; }
 
 static void studio__sky(const float direction[3], float radiance[3], void *user) {
@@ -46,8 +46,9 @@ static void studio__sky(const float direction[3], float radiance[3], void *user)
     for (k = 0; k < 3; k++) radiance[k] = (float)(s->horizon[k] + (studio__zenith[k] - s->horizon[k]) * fade);
 }
 
-/* Computes the radiance h of the ground far away from the object, where it sees the sun and all of the sky, whose
-   radiance at the horizon is h, too:
+/* Computes the radiance h of the ground far away from the object, where it receives light from the sun and the complete
+   sky. The sky has the same radiance h at the horizon:
+
        h = albedo (sun * height + 2 integral of (h + (zenith - h) fade(x)) x dx), x from 0 to 1,
        where 2 integral of fade(x) x dx is 0.7 */
 static void studio__match(studio *s) {
@@ -57,13 +58,13 @@ static void studio__match(studio *s) {
                         (1 - 0.3 * studio__ground[k]);
 }
 
-/* Sets the sun. view: the camera that is chosen without the options. Options do not move the sun, so that pictures of a
-   scene from several sides have the same light, and share their stored bounced light. */
+/* Sets the sun. view: the camera as chosen without the options. Since options do not move the sun, pictures of a scene
+   from several sides have the same light, and share their stored bounced light. */
 static void studio__set_sun(studio *s, const camera_view *view) {
     const double pi = 4 * atan(1.0), level = sqrt(1 - STUDIO__SUN_HEIGHT * STUDIO__SUN_HEIGHT);
     const double *way = fabs(view->forward[1]) < 0.99 * sqrt(view->forward[0] * view->forward[0] + view->forward[1] *
         view->forward[1] + view->forward[2] * view->forward[2]) ? view->forward : view->up;
-    const double turn = atan2(way[0], way[2]) - STUDIO__SUN_LEFT;  /* light travels forward and to the right */
+    const double turn = atan2(way[0], way[2]) - STUDIO__SUN_LEFT;  /* light travels forward and right */
     int k;
     s->light.kind = SBL_LIGHT_DIRECTIONAL;
     s->light.angle = STUDIO__SUN_ANGLE;
@@ -73,7 +74,8 @@ static void studio__set_sun(studio *s, const camera_view *view) {
     for (k = 0; k < 3; k++) s->light.intensity[k] = (float)(pi * studio__sun[k]);
 }
 
-/* Sets the lamp of a room. It is smaller than the space around it. */
+/* Sets the lamp of a room. space: distance to the nearest surface, which the lamp does not reach; view: distance of the
+   surfaces in view */
 static void studio__set_lamp(studio *s, const double position[3], double space, double view) {
     const double pi = 4 * atan(1.0), distance = 0.5 * view;
     int k;
@@ -85,7 +87,7 @@ static void studio__set_lamp(studio *s, const double position[3], double space, 
     }
 }
 
-/* ---- the ground ---- */
+/* ---- the ground of a studio ---- */
 
 static void studio__corner(const sbl_mesh *mesh, int number, double out[3]) {
     const float *p = (const float *)mesh->positions.data + 3 * (size_t)((const uint32_t *)mesh->indices.data)[number];
@@ -97,8 +99,8 @@ static void studio__corner(const sbl_mesh *mesh, int number, double out[3]) {
                                           (double)t[8 + i] * (double)p[2] + (double)t[12 + i];
 }
 
-/* Returns whether the scene has a ground of its own: at least half of its extent, seen from above, is covered by
-   triangles at its lowest height that face up. */
+/* Returns 1 if the scene has its own ground: triangles at its lowest height that face up cover at least half of its
+   extent, seen from above. */
 static int studio__has_ground(const sbl_scene_desc *scene, const survey *v) {
     const double top = (double)v->bounds.lowest[1] + 0.01 * survey__size(v, 1);
     const double extent = survey__size(v, 0) * survey__size(v, 2);
@@ -114,8 +116,8 @@ static int studio__has_ground(const sbl_scene_desc *scene, const survey *v) {
     return area > 0.5 * extent;
 }
 
-/* Adds the ground to the scene: a square, larger than the object and its shadow, slightly below the lowest point, so
-   that an underside does not coincide with it. Returns 0 if memory runs out. */
+/* Adds the ground to the scene: a square, larger than the object and its shadow. It is slightly below the lowest point,
+   so that it does not coincide with an underside. Returns 0 if memory runs out. */
 static int studio__add_ground(studio *s, sbl_scene_desc *scene, const survey *v) {
     static const unsigned char square[] = { 0, 1, 2, 0, 2, 3 };
     const size_t meshes = (size_t)scene->mesh_count, materials = (size_t)scene->material_count;
@@ -128,7 +130,7 @@ static int studio__add_ground(studio *s, sbl_scene_desc *scene, const survey *v)
     if (!s->meshes || !s->materials) return 0;
     memcpy(s->meshes, scene->meshes, meshes * sizeof *s->meshes);
     memcpy(s->materials, scene->materials, materials * sizeof *s->materials);
-    for (i = 0; i < 4; i++) {  /* counter-clockwise, seen from above */
+    for (i = 0; i < 4; i++) {  /* counter-clockwise, as seen from above */
         s->corners[3 * i] = (float)(survey__center(v, 0) + (i < 2 ? -size : size));
         s->corners[3 * i + 1] = (float)height;
         s->corners[3 * i + 2] = (float)(survey__center(v, 2) + (i == 1 || i == 2 ? size : -size));
@@ -159,10 +161,10 @@ static void studio_free(studio *s) {
     free(s->materials);
 }
 
-/* Lights the scene in place of its own lights and sky; surfaces that emit stay. The studio must stay as long as the
-   scene is used. v: the survey of the scene. view: the chosen camera, without the options. eye: the position of the
-   camera. enclosed: whether the camera is inside something. Returns what lights the scene now, in words; NULL if memory
-   runs out. */
+/* Replaces the lights and the sky of the scene by a studio; emitting surfaces stay. Returns a description of the new
+   light, or NULL if memory runs out. The studio must exist as long as the scene is used. v: the survey of the scene.
+   view: the camera as chosen without the options. eye: the final position of the camera. enclosed: 0 if the camera is
+   in the open, otherwise the mean distance of the surfaces around it */
 static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *v, const camera_view *view,
                                 const double eye[3], double enclosed) {
     const int inside = v->kind != SURVEY_OBJECT || enclosed > 0;
@@ -186,10 +188,10 @@ static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *
     return studio__add_ground(s, scene, v) ? "a studio sky, a sun and a ground" : NULL;
 }
 
-static studio studio_of_tool;  /* the scene refers to it until the end */
+static studio studio_of_tool;  /* the scene refers to it until the program ends */
 
-/* Sets the scene again, with the light of a studio. chosen: the camera without the options. eye: the position of the
-   camera. by_option: 1: an option asks for it, so that no note tells it. Returns the exit status. */
+/* Sets the scene again with the light of a studio. Returns the exit status. chosen: the camera without the options.
+   eye: the final position of the camera. by_option: 1 if an option asked for the studio, so that no note mentions it */
 static int studio_set(tool_task *task, sbl_scene_desc *scene, const survey *s, const camera_view *chosen,
                       const double eye[3], int by_option) {
     const char *words = NULL;
@@ -198,7 +200,7 @@ static int studio_set(tool_task *task, sbl_scene_desc *scene, const survey *s, c
     if (s->kind == SURVEY_OBJECT) result = survey_enclosed(task->context, eye, &enclosed);
     if (result == SBL_SUCCESS) {
         words = studio_light(&studio_of_tool, scene, s, chosen, eye, enclosed);
-        task->said->warnings_kept = 0;  /* they are repeated when the scene is set again */
+        task->said->warnings_kept = 0;  /* the warnings are repeated when the scene is set again */
         result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
     }
     if (words) detail("light: %s", words);

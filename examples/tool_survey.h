@@ -1,54 +1,54 @@
-/* Finds out what a scene is, so that tools can choose a camera and light for it: an object that is looked at from
-   outside, a room that is looked at from inside, or a room with one open side. Include after tool.h.
+/* Classifies a scene, so that tools can choose a camera and light for it: an object to view from outside, a room to
+   view from inside, or a room with one open side. Include after tool.h.
 
-   Readings of the library answer this (sbl_readings_desc): at the points of a grid over the bounds, what share of the
-   directions sees the sky, and what share sees back faces; and the same from outside. Light decides only whether
-   the outside is dark, and how much a view of a dark part of a room counts. A survey traces about 30,000 rays, twice as
-   many for a room. The hierarchy that they need stays for the picture. */
+   The survey uses readings of sbl.h (sbl_readings_desc). At the points of a grid over the bounds, and from outside,
+   they tell which share of the directions sees the sky, and which share sees back faces. Light is used only to decide
+   whether the outside is dark, and to reduce the rating of views of dark parts of a room. A survey traces about 30,000
+   rays, and twice as many for a room. The picture reuses the hierarchy that is built for them. */
 #ifndef TOOL_SURVEY_H
 #define TOOL_SURVEY_H
 
 #include <math.h>
 
 typedef enum survey_kind {
-    SURVEY_OBJECT,     /* look at it from outside */
-    SURVEY_OPEN_ROOM,  /* look into it through its open side */
-    SURVEY_ROOM        /* look at it from inside */
+    SURVEY_OBJECT,     /* to be viewed from outside */
+    SURVEY_OPEN_ROOM,  /* to be viewed through its open side */
+    SURVEY_ROOM        /* to be viewed from inside */
 } survey_kind;
 
 typedef struct survey {
     survey_kind kind;
     sbl_bounds bounds;
     double from[3];      /* SURVEY_OBJECT: unit vector from the scene to the camera */
-    int side;            /* SURVEY_OPEN_ROOM: the open side: 0 to 5 are +x -x +y -y +z -z */
-    double eye[3], forward[3];  /* SURVEY_ROOM: where to stand; a horizontal unit vector, the longest view from there */
-    double middle[3];    /* rooms: a point in the air, rather high up, in the middle of what the camera sees */
-    double free;         /* rooms: distance from `middle` within which there is no surface, about */
-    double far;          /* rooms: mean distance of the surfaces that the camera sees, about */
+    int side;            /* SURVEY_OPEN_ROOM: the open side; 0 to 5 are +x -x +y -y +z -z */
+    double eye[3], forward[3];  /* SURVEY_ROOM: camera position; horizontal unit vector, the longest view */
+    double middle[3];    /* rooms: a point in the air, rather high up, in the middle of the visible part */
+    double free;         /* rooms: about the distance from `middle` to the nearest surface */
+    double far;          /* rooms: about the mean distance of the visible surfaces */
 } survey;
 
 enum {
     SURVEY__X = 6, SURVEY__Y = 5, SURVEY__Z = 6, SURVEY__POINTS = SURVEY__X * SURVEY__Y * SURVEY__Z,  /* the grid */
-    SURVEY__AXES = 6,      /* directions that are read at each point of the grid, in the order of survey.side */
-    SURVEY__WAYS = 12,     /* horizontal directions in which a room is looked at from a point */
-    SURVEY__AROUND = 8,    /* directions of the compass from which a scene is looked at from outside, at two heights */
+    SURVEY__AXES = 6,      /* directions of readings at each grid point, in the order of survey.side */
+    SURVEY__WAYS = 12,     /* horizontal directions in which views are tried from each point of a room */
+    SURVEY__AROUND = 8,    /* compass directions from which the scene is viewed from outside, each at two elevations */
     SURVEY__OUTSIDE = 2 * SURVEY__AROUND,
-    SURVEY__REPEATS = 4,   /* readings of each of these directions, because the scene fills only a part of each */
+    SURVEY__REPEATS = 4,   /* readings per outside direction, because the scene fills only part of each */
     SURVEY__SITES = SURVEY__POINTS * SURVEY__WAYS,
     SURVEY__RAYS = 32
 };
 
-/* Shares that separate the cases; between the values that scenes have, with a wide margin on both sides. */
-#define SURVEY__SOLID 0.25     /* a point that sees more back faces is inside something, as for sbl_probe.valid */
-#define SURVEY__ENCLOSED 0.35  /* a point that sees less sky is in a room; in the open it is half of all directions */
+/* Thresholds that separate the cases. Real scenes differ from them by a wide margin on both sides. */
+#define SURVEY__SOLID 0.25     /* a point that sees more back faces is inside a solid, as for sbl_probe.valid */
+#define SURVEY__ENCLOSED 0.35  /* a point that sees less sky is in a room; in the open, half is sky */
 #define SURVEY__OPEN 0.6       /* a side is open if at least this share of the directions through it sees the sky */
-#define SURVEY__SHUT 0.4       /* a side is shut if at most this share does, as where walls have windows */
+#define SURVEY__SHUT 0.4       /* a side is closed if at most this share sees the sky, as for walls with windows */
 #define SURVEY__OUTWARD 0.25   /* from outside, an object shows at most this share of back faces */
-#define SURVEY__INWARD 0.6     /* from outside, a room whose walls are single faces shows at least this share */
-#define SURVEY__DARK 0.02      /* the outside is dark if it gets at most this part of the light in the rooms */
+#define SURVEY__INWARD 0.6     /* from outside, a room of single faces shows at least this share of back faces */
+#define SURVEY__DARK 0.02      /* the outside is dark if it receives at most this fraction of the light in the rooms */
 
 typedef struct survey__point {
-    double position[3], sky, back;  /* sky, back: shares of all directions that see the sky, and back faces */
+    double position[3], sky, back;  /* sky, back: shares of all directions that see the sky and back faces */
     double light, near;             /* mean R; distance to the nearest surface */
 } survey__point;
 
@@ -59,9 +59,9 @@ typedef struct survey__work {
     sbl_reading readings[SURVEY__SITES];
     int count;                                 /* number of sites */
     survey__point points[SURVEY__POINTS];
-    double openness[SURVEY__AXES];             /* share of sky that is seen through each side */
-    double outside[SURVEY__OUTSIDE];           /* share of back faces that is seen from each direction */
-    double inside_light, outside_light;        /* mean R in the air of rooms, and at the outside of the bounds */
+    double openness[SURVEY__AXES];             /* share of sky seen through each side */
+    double outside[SURVEY__OUTSIDE];           /* share of back faces seen from each outside direction */
+    double inside_light, outside_light;        /* mean R in the air of rooms; mean R at the outside of the bounds */
 } survey__work;
 
 static double survey__size(const survey *s, int k) {
@@ -77,8 +77,9 @@ static double survey__radius(const survey *s) {
     return 0.5 * sqrt(pow(survey__size(s, 0), 2) + pow(survey__size(s, 1), 2) + pow(survey__size(s, 2), 2));
 }
 
-/* Direction number i from which a scene is looked at from outside: the first is from the front, slightly from the right
-   and above; then around the scene; then the same from higher up. Flat scenes are looked at from higher up, too. */
+/* Computes the direction with the index i from which the scene is viewed from outside. The first is from the front,
+   slightly from the right and from above; the others go around the scene; then the same follows at a higher elevation.
+   Flat scenes are viewed from higher up. */
 static void survey__direction(const survey *s, int i, double out[3]) {
     static const double front = 0.375;  /* radians to the right of +z */
     const double turn = front + (i % SURVEY__AROUND) * (2 * 3.14159265358979 / SURVEY__AROUND);
@@ -90,14 +91,14 @@ static void survey__direction(const survey *s, int i, double out[3]) {
     out[2] = sqrt(1 - up * up) * cos(turn);
 }
 
-/* Sets the survey to that of a scene that is not surveyed: an object, seen from the front. */
+/* Initialises a survey without readings: the scene counts as an object, seen from the front. */
 static void survey_begin(survey *s, sbl_context *context) {
     memset(s, 0, sizeof *s);
     s->bounds = sbl_query_bounds(context);
     survey__direction(s, 0, s->from);
 }
 
-/* ---- readings ---- */
+/* ---- taking readings ---- */
 
 static void survey__add(survey__work *w, const double position[3], const double normal[3]) {
     sbl_site *site = &w->sites[w->count++];
@@ -129,13 +130,14 @@ static void survey__axis(int side, double out[3]) {
     out[side / 2] = side % 2 ? -1 : 1;
 }
 
-/* Returns the place of a point in the grid along axis k, and its number of points. */
+/* Returns the index of a grid point along axis k. across: receives the number of grid points along this axis */
 static int survey__place(int point, int k, int *across) {
     *across = k == 0 ? SURVEY__X : k == 1 ? SURVEY__Y : SURVEY__Z;
     return k == 0 ? point % SURVEY__X : k == 1 ? point / SURVEY__X % SURVEY__Y : point / (SURVEY__X * SURVEY__Y);
 }
 
-/* Lists the sites of the grid, those that look at the scene from outside, and those of its outer sides. */
+/* Lists all sites: those of the grid, those that view the scene from outside, and those on the outer sides of the
+   bounds. */
 static void survey__sites(survey__work *w) {
     const survey *s = w->result;
     double at[3], axis[3], from[3];
@@ -171,7 +173,7 @@ static double survey__light(const sbl_reading *r) {
     return ((double)r->radiance[0] + (double)r->radiance[1] + (double)r->radiance[2]) / 3;
 }
 
-/* Sums up the readings of survey__sites. */
+/* Computes sums over the readings of survey__sites. */
 static void survey__sum(survey__work *w) {
     const sbl_reading *r = w->readings;
     int i, k, side, across;
@@ -199,9 +201,9 @@ static void survey__sum(survey__work *w) {
     for (side = 0; side < SURVEY__AXES; side++, r++) w->outside_light += survey__light(r) / SURVEY__AXES;
 }
 
-/* ---- what the scene is ---- */
+/* ---- classifying the scene ---- */
 
-/* Returns the mean share of back faces that is seen from outside. */
+/* Returns the mean share of back faces seen from outside. */
 static double survey__inwardness(const survey__work *w) {
     double sum = 0;
     int i;
@@ -209,16 +211,16 @@ static double survey__inwardness(const survey__work *w) {
     return sum / SURVEY__OUTSIDE;
 }
 
-/* Returns whether a point is in the air of a room. If the outside shows fronts and backs alike, the winding of the file
-   says nothing about what is solid. */
+/* Returns 1 if a point is in the air of a room. If the outside shows about as many back faces as front faces, the
+   winding of the file does not tell what is solid, so back faces are ignored. */
 static int survey__in_room(const survey__work *w, const survey__point *p) {
     const double inwardness = survey__inwardness(w);
     const int telling = inwardness <= SURVEY__OUTWARD || inwardness >= SURVEY__INWARD;
     return p->sky < SURVEY__ENCLOSED && (p->back < SURVEY__SOLID || !telling);
 }
 
-/* Returns the number of points in rooms, and computes the mean light there. There are no rooms if most points that
-   see little sky are inside something, as in a closed object whose faces are turned at random. */
+/* Returns the number of points in rooms, and computes the mean light there. Returns 0 if most points that see little
+   sky are inside solids, as in a closed object with random winding. */
 static int survey__rooms(survey__work *w) {
     int i, count = 0, enclosed = 0;
     for (i = 0; i < SURVEY__POINTS; i++) {
@@ -231,7 +233,7 @@ static int survey__rooms(survey__work *w) {
     return 2 * count >= enclosed ? count : 0;
 }
 
-/* Returns the only side that is open while the others are shut; -1 if no side is open; -2 if it is not clear. */
+/* Returns the side that is open while all others are closed; -1 if all are closed; -2 if the case is unclear. */
 static int survey__open_side(const survey__work *w) {
     int side, open = -1;
     for (side = 0; side < SURVEY__AXES; side++) {
@@ -242,16 +244,16 @@ static int survey__open_side(const survey__work *w) {
     return open;
 }
 
-/* Returns the share of back faces that is seen from around direction number i. */
+/* Returns the share of back faces seen from around the outside direction with the index i. */
 static double survey__backs(const survey__work *w, int i) {
     const int ring = i / SURVEY__AROUND * SURVEY__AROUND, left = (i + 1) % SURVEY__AROUND;
     const int right = (i + SURVEY__AROUND - 1) % SURVEY__AROUND;
     return 0.5 * w->outside[i] + 0.25 * (w->outside[ring + left] + w->outside[ring + right]);
 }
 
-/* Chooses the direction from which an object shows its front. It is the first, unless that shows mostly back faces, as
-   with a corner of walls, and another shows far fewer. The direction from behind is tried before those from the sides,
-   and those from higher up come last. */
+/* Chooses the direction that shows the front of an object. It is the first direction, unless that shows mostly back
+   faces, like a corner of two walls, and another shows far fewer. The direction from behind is tried first, then those
+   from the sides, and those at the higher elevation last. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;
     for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++) {
@@ -277,9 +279,9 @@ static survey_kind survey__decide(survey__work *w) {
     return dark && (open == -1 || open == 3) ? SURVEY_ROOM : SURVEY_OBJECT;
 }
 
-/* ---- where to stand in a room ---- */
+/* ---- choosing the position in a room ---- */
 
-/* Returns whether a point is in a room, at half the height of the room there. */
+/* Returns 1 if a point is in a room, at half the height of the room at this place. */
 static int survey__at_eye_height(const survey__work *w, int point) {
     int low = point, high = point, across;
     const int y = survey__place(point, 1, &across), lowest = point - y * SURVEY__X;
@@ -290,15 +292,15 @@ static int survey__at_eye_height(const survey__work *w, int point) {
     return abs(2 * point - low - high) <= SURVEY__X;
 }
 
-/* Returns the number of the site that looks from the same point as site i, turned by `turn` directions. */
+/* Returns the index of the site at the same point as site i, rotated by `turn` directions. */
 static int survey__turned(int i, int turn) {
     return i - i % SURVEY__WAYS + (i + SURVEY__WAYS + turn) % SURVEY__WAYS;
 }
 
-/* Rates the view at site number i: the mean distance of what is ahead, less half of the distance of what is behind, so
-   that the eye is at the end of the room. Views with hardly any direct light from ahead count half. Views that are not
+/* Rates the view of the site with the index i: the mean distance ahead, minus half of the mean distance behind, which
+   favours the ends of a room. Views that receive hardly any direct light from ahead count half. Views that are not
    parallel to an axis count a tenth more, because they show a corner instead of a wall. The means are over hemispheres,
-   so that a view along a wall does not count as long. */
+   so that a view along a nearby wall does not count as long. */
 static double survey__rate(const survey__work *w, int i) {
     const sbl_reading *r = &w->readings[i], *behind = &w->readings[survey__turned(i, SURVEY__WAYS / 2)];
     const double open = (double)r->hit_share * (1 - (double)r->back_share);
@@ -306,11 +308,12 @@ static double survey__rate(const survey__work *w, int i) {
     double near = (double)r->hit_min, far = (double)r->hit_mean, clear;
     int side;
     for (side = -2; side <= 2; side++) near = fmin(near, (double)w->readings[survey__turned(i, side)].hit_min);
-    clear = near > 0 ? near / (near + 0.02 * far) : 0;  /* nothing is just before the eye, or just beside it */
+    clear = near > 0 ? near / (near + 0.02 * far) : 0;  /* a surface in front or beside is close */
     return open * (far - 0.5 * (double)behind->hit_mean) * clear * (0.5 + 0.5 * lit) * (i % 3 ? 1.1 : 1);
 }
 
-/* Looks around at the points of rooms, chooses the best view, and steps back from there as far as there is space. */
+/* Tries views from the points of rooms, chooses the best, and steps back as far as there is space. If no view is good,
+   the scene becomes an object. */
 static sbl_result survey__stand(survey__work *w) {
     survey *s = w->result;
     double best = 0;
@@ -361,7 +364,7 @@ static void survey__choose_middle(survey__work *w) {
     }
 }
 
-/* Finds out what the scene of the context is. Returns SBL_UNFINISHED after a signal. */
+/* Surveys the scene of the context. Returns SBL_UNFINISHED after a signal. */
 static sbl_result survey_take(survey *s, sbl_context *context) {
     survey__work *w = (survey__work *)calloc(1, sizeof *w);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
@@ -377,12 +380,13 @@ static sbl_result survey_take(survey *s, sbl_context *context) {
             if (s->kind == SURVEY_ROOM) result = survey__stand(w);
             if (s->kind != SURVEY_OBJECT) survey__choose_middle(w);
         }
-    } else if (w) result = SBL_SUCCESS;  /* a point, or an empty scene: an object */
+    } else if (w) result = SBL_SUCCESS;  /* a point or an empty scene counts as an object */
     free(w);
     return result;
 }
 
-/* Returns in `distance` the mean distance of the surfaces around a point, or 0 if the point is in the open. */
+/* Measures whether a point is enclosed. distance: receives the mean distance of the surfaces around it, or 0 if it is
+   in the open */
 static inline sbl_result survey_enclosed(sbl_context *context, const double at[3], double *distance) {
     survey__work *w = (survey__work *)calloc(1, sizeof *w);
     double axis[3], sky = 0, sum = 0;

@@ -1,44 +1,44 @@
-/* Makes a picture or a lightmap in windows: the window of --part K/N, or window by window what is too large for memory.
-   Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses only one. Include after
-   tool_scene.h and tool_plan.h.
+/* Makes a picture or lightmap in windows: either the one window of --part K/N, or all windows of a result that is too
+   large for memory. Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses at
+   most one. Include after tool_scene.h and tool_plan.h.
 
-   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are. If there are
-   several, windows_make makes those that are not finished, and windows_join joins them, or windows_open_parts lists
-   them for a tool that joins them itself. windows_end removes the folder. */
+   A tool fills in a `windows`. windows_choose then divides the result into windows. If there are several, windows_make
+   makes the unfinished ones. windows_join then joins them, or windows_open_parts lists them for a tool that joins them
+   itself. windows_end removes the folder. */
 #ifndef TOOL_WINDOWS_H
 #define TOOL_WINDOWS_H
 
 typedef struct windows {
     tool_task *task;
     progress *bar;
-    const char *noun;             /* what is made, for messages: "picture" */
-    const part_choice *part;      /* the part that is made; NULL: the whole, or the part of --window */
-    int by_hand, resume;          /* 1: --window; 1: --resume */
-    int keeps_light;              /* 1: the folder keeps the bounced light, because --store does not */
+    const char *noun;             /* name of the result for messages, such as "picture" */
+    const part_choice *part;      /* the part of --part; NULL: everything, or the window of --window */
+    int by_hand, resume;          /* 1: --window was given; 1: --resume was given */
+    int keeps_light;              /* 1: the folder stores the bounced light, because --store does not */
     const int *given;
-    output_file *target;          /* the output */
-    int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
-    const char *const *channels;  /* of the files, see image.channels */
+    output_file *target;          /* the output file */
+    int size[2], region[4];       /* size of the full result in pixels; region of the output: x, y, width, height */
+    const char *const *channels;  /* names of the components in the files; see image.channels */
     int components;
-    /* The functions of the tool. user: their first argument. `bytes` returns how much memory a window needs. `look`
-       makes the whole in a small size, and sets the mean, the price and the exposure in work.facts and, if cost is not
-       NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of the windows. `make`
-       makes a window, which `write` writes to an .exr file. */
+    /* The functions of the tool, whose first argument is user. `bytes` returns the memory that a window needs. `look`
+       makes a small version of the full result, and sets the mean, the price and the exposure in work.facts and, if
+       cost is not NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of the
+       windows. `make` makes a window, which `write` writes to an .exr file. */
     void *user;
     double (*bytes)(const void *user, const int window[4]);
     int (*look)(void *user, plan_cost *cost);
     void (*use)(void *user);
     sbl_result (*make)(void *user, const int window[4]);
     output_writer write;
-    /* set by windows_choose */
-    plan work;                    /* the windows that are made one after the other; its facts are set before */
-    plan_folder folder;           /* if there are several */
-    int has_facts;                /* 1: the output is a part, or is made window by window */
-    int looked;                   /* 1: `look` has worked, so that bounced light is known */
+    /* windows_choose sets the following */
+    plan work;                    /* the windows to make one after the other; the tool sets its other facts before */
+    plan_folder folder;           /* used if there are several windows */
+    int has_facts;                /* 1: the output is a part, or is made in windows */
+    int looked;                   /* 1: `look` was called, so the bounced light is known */
 } windows;
 
-/* Finishes the small picture or lightmap that `look` has begun, and sets the facts of its mean and price and, if cost
-   is not NULL, the cost. shrink: how many times smaller than the whole it is */
+/* Finishes the small version that `look` has begun, and sets the facts of its mean and price and, if cost is not NULL,
+   the cost. shrink: reduction factor of the small version */
 static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
     sbl_result result = work(context);
@@ -55,8 +55,8 @@ static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     return result;
 }
 
-/* Sets w->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
-   picture shows what they cost. Returns the exit status. */
+/* Sets w->region to the window of --part K/N. The windows come from the file of --plan; if it does not exist, a small
+   version shows their cost. Returns the exit status. */
 static int windows__find_part(windows *w) {
     const int all[4] = { 0, 0, w->size[0], w->size[1] };
     plan_cost cost = { 0, 0, NULL };
@@ -69,7 +69,7 @@ static int windows__find_part(windows *w) {
         free(cost.sums);
         if (status == DONE && name) {
             output_find(&file, name);
-            file.keep = 1;  /* another machine may have made it meanwhile; its plan counts */
+            file.keep_existing = 1;  /* another machine may have written the plan meanwhile; then that plan is used */
             if (!target_write(&file, plan_write, &w->work, 0)) status = fail_to_write(name);
             output_free(&file);
             if (status == DONE) status = plan_read(&w->work, name, w->size);
@@ -83,7 +83,7 @@ static int windows__find_part(windows *w) {
     return DONE;
 }
 
-/* Returns how many bytes --memory leaves for what is made. */
+/* Returns the number of bytes that --memory leaves for the result. */
 static double windows__bytes_left(const windows *w) {
     const double least = 64.0 * (1 << 20);
     unsigned long pages = 0;
@@ -93,10 +93,10 @@ static double windows__bytes_left(const windows *w) {
     return fmax(least, (double)w->task->file->memory - (double)pages * (double)sysconf(_SC_PAGESIZE));
 }
 
-/* Divides the region into as few windows as memory allows. Returns the exit status. */
+/* Divides the region into as few windows as the memory allows. Returns the exit status. */
 static int windows__divide(windows *w) {
-    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: an interrupted run loses one; fewer pixels
-                                                        are not tried */
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: the greatest limits the loss of an
+                                                        interrupted run; smaller ones than the smallest are not tried */
     const double left = windows__bytes_left(w), pixels = (double)w->region[2] * w->region[3];
     double count = ceil(pixels / LARGEST);
     int i, fits = 0, status = DONE;
@@ -104,10 +104,10 @@ static int windows__divide(windows *w) {
         status = plan_make(&w->work, NULL, w->size, w->region, (int)count);
         for (i = 0, fits = 1; i < w->work.count && fits && status == DONE; i++) {
             const int *one = w->work.windows[i];
-            fits = (double)one[2] * one[3] <= SMALLEST || w->work.count == PARTS_MOST ||
+            fits = (double)one[2] * one[3] <= SMALLEST || w->work.count == PARTS_MAX ||
                    (w->bytes(w->user, one) <= left && (double)one[2] * one[3] <= 1.5 * LARGEST);
         }
-        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MOST, pixels));
+        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MAX, pixels));
     }
     return status;
 }
@@ -119,8 +119,8 @@ static int windows__write(const char *name, output_writer write, const void *wha
     return ok;
 }
 
-/* Opens the folder of finished windows. If an earlier run has left a plan there, this run uses it and the light beside
-   it, and *found receives 1. Returns the exit status. */
+/* Opens the folder of finished windows. If it contains a plan of an earlier run, --resume uses that plan and the light
+   with it, and *found becomes 1. Returns the exit status. */
 static int windows__open_folder(windows *w, int *found) {
     plan old = w->work;
     FILE *light;
@@ -142,7 +142,7 @@ static int windows__open_folder(windows *w, int *found) {
         *found = 1;
         light = w->keeps_light ? input_open(plan_file(&w->folder, "light")) : NULL;
         if (light) {
-            sbl_load_store(w->task->context, get_bytes, light);  /* if that fails, the same light is made again */
+            sbl_load_store(w->task->context, get_bytes, light);  /* on failure, the light is computed again */
             fclose(light);
         }
         return DONE;
@@ -158,8 +158,8 @@ static int windows__write_light(FILE *out, const void *what) {
     return sbl_save_store(((const windows *)what)->task->context, put_bytes, out) == SBL_SUCCESS;
 }
 
-/* Writes the light and the plan of a new folder. The plan comes last: it shows that the light is there. Returns the
-   exit status. */
+/* Writes the light and then the plan into a new folder. The plan comes last, because its presence shows that the light
+   is complete. Returns the exit status. */
 static int windows__begin_folder(const windows *w) {
     const char *name = plan_file(&w->folder, "light");
     if (w->looked && w->keeps_light && !windows__write(name, windows__write_light, w)) return fail_to_write(name);
@@ -167,8 +167,8 @@ static int windows__begin_folder(const windows *w) {
     return windows__write(name, plan_write, &w->work) ? DONE : fail_to_write(name);
 }
 
-/* Decides what is made: the region, its windows, and the mean, price and exposure of the whole. The facts that do not
-   come from `look` are set before. Returns the exit status. */
+/* Decides which region is made and in which windows, and finds the mean, price and exposure of the full result. The
+   facts that do not come from `look` must be set before. Returns the exit status. */
 static int windows_choose(windows *w) {
     int status = DONE, found = 0;
     if (w->part) status = windows__find_part(w);
@@ -189,7 +189,7 @@ static int windows_choose(windows *w) {
     return status;
 }
 
-/* Returns whether the file contains this window of this whole, complete. */
+/* Returns 1 if the file contains this window of this result completely. */
 static int windows__is_finished(const windows *w, const char *name, const int window[4]) {
     static picture_parts one;
     float *band = NULL;
@@ -210,12 +210,12 @@ static int windows__is_finished(const windows *w, const char *name, const int wi
     return ok;
 }
 
-/* Returns the root mean square of two errors. share: the second one's share of the pixels */
+/* Returns the root mean square of two errors. share: the share of the pixels that have the second error */
 static float joint_error(float a, float b, double share) {
     return (float)sqrt((1 - share) * (double)a * (double)a + share * (double)b * (double)b);
 }
 
-/* Adds the statistics of a window to those of the windows before. */
+/* Adds the statistics of a window to the sum over earlier windows. */
 static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
     const double share = before + own > 0 ? own / (before + own) : 1;
@@ -280,12 +280,12 @@ static int windows_open_parts(const windows *w, picture_parts *parts) {
     parts->frame.channels = w->channels;
     parts->frame.components = w->components;
     for (i = 0; i < w->work.count && ok; i++) ok = parts_add(parts, plan_window_file(&w->folder, i));
-    /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
+    /* The facts of the windows of a part K/N all name part K/N. Here they are windows of one picture instead. */
     for (i = 0; i < parts->list.count; i++) parts->list.files[i].number = parts->list.files[i].count = 0;
     return ok && parts_check(parts, w->region);
 }
 
-/* Joins the finished windows into the output. facts, channel, stops: see parts_job. Returns the exit status. */
+/* Joins the finished windows into the output. Returns the exit status. facts, channel, stops: see parts_job */
 static int windows_join(const windows *w, const picture_fact *facts, sbl_channel channel, double stops) {
     static picture_parts parts;
     parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, facts, channel, stops, &interrupted };
@@ -299,14 +299,14 @@ static int windows_join(const windows *w, const picture_fact *facts, sbl_channel
     return status;
 }
 
-/* Sets the size of the picture in the statistics, which windows_make has added up, to that of the output. */
+/* Sets the size in the statistics, which windows_make has added up, to the size of the output. */
 static void windows_total(const windows *w) {
     w->task->has_stats = 1;
     w->task->stats.picture.width = w->region[2];
     w->task->stats.picture.height = w->region[3];
 }
 
-/* Must be called when the output is written. Removes the folder of finished windows. */
+/* Removes the folder of finished windows. Must be called after the output was written. */
 static inline void windows_end(windows *w) {
     windows_total(w);
     plan_folder_remove(&w->folder, w->work.count);

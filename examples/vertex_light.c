@@ -1,4 +1,4 @@
-/* Demonstrates light at your own points, here the vertices of a finely divided Cornell box. sbl_gather_readings
+/* Demonstrates light at arbitrary points, here the vertices of a finely divided Cornell box. sbl_gather_readings
    measures light at points with normals. vertex_light.ply is the mesh with its light as vertex colours, for any model
    viewer; vertex_light.png is a picture of it. The first argument is the folder for the files. */
 #define SBL_IMPLEMENTATION
@@ -11,14 +11,14 @@ enum { GRID = 40, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE }
                                                                                       cells */
 enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, ACROSS = 512 };
 
-static const float inset = 0.002f;  /* fraction of a quad by which sites at its edge are moved inside, away from the
-                                       next wall */
+static const float inset = 0.002f;  /* sites at the edge of a quad are moved inwards by this fraction of the quad, away
+                                       from the adjoining wall */
 
 static sbl_site sites[VERTICES];
 static sbl_reading readings[VERTICES];
 static float positions[VERTICES][3], colors[VERTICES][4], picture[3 * ACROSS * ACROSS];
 static unsigned char bytes[3 * VERTICES], pixels[3 * ACROSS * ACROSS];
-static unsigned short cells[CELLS][6];  /* for every quad: corners of the two triangles of each cell */
+static unsigned short cells[CELLS][6];  /* corners of the two triangles of each cell; the same for every quad */
 
 static float corner_mix(const float *corners, int axis, float u, float v) {
     const float low = (1 - u) * corners[axis] + u * corners[3 + axis];
@@ -53,12 +53,12 @@ static void vertices_make(void) {
         }
 }
 
-/* Returns whether a point is inside geometry: it is stuck, or sees mostly back faces. Here these are points of the
-   floor under the blocks. */
+/* Returns 1 if a point is inside geometry: it is stuck, or sees mostly back faces. Here these are points of the floor
+   under the blocks. */
 static int inside(const sbl_reading *r) { return !r->valid || r->back_share > 0.5f; }
 
-/* Computes the colour of each vertex: emission and reflected light. Points inside geometry take the light of the
-   nearest other point in their row, so that interpolation does not darken the edge. */
+/* Computes the colour of each vertex: emission plus reflected light. Points inside geometry take the light of the
+   nearest other point in their row, so that interpolation does not darken the visible edge. */
 static void vertices_light(void) {
     int at, k, step;
     for (at = 0; at < VERTICES; at++) {
@@ -78,7 +78,8 @@ static void vertices_light(void) {
     }
 }
 
-/* Opens the mesh's file. Called before the work, which would be lost if the file could not be written. */
+/* Opens the file of the mesh. This happens before the measurement, so that no work is lost if the file cannot be
+   written. */
 static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;
@@ -88,7 +89,7 @@ static FILE *ply_open(const char *folder) {
     return file;
 }
 
-/* Returns whether all was written. */
+/* Closes the file. Returns 1 if everything was written. */
 static int ply_close(FILE *file) {
     const int failed = ferror(file);
     if (fclose(file) == 0 && !failed) return 1;
@@ -111,7 +112,7 @@ static void ply_write(FILE *file) {
     }
 }
 
-/* Draws the coloured mesh without lighting: the albedo channel of a picture. */
+/* Renders the coloured mesh without lighting, as the albedo channel of a picture. Returns 0 on failure. */
 static int picture_make(sbl_context *context) {
     const sbl_material plain = { .albedo = { 1, 1, 1 } };
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
@@ -120,7 +121,7 @@ static int picture_make(sbl_context *context) {
     sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT,
                               .options.preset = SBL_PRESET_DRAFT,
                               .tile = 1024,
-                              .options.rays = 4 }; /* the light is not used: fast settings */
+                              .options.rays = 4 }; /* the light is not used, so few rays suffice */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];

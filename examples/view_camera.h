@@ -1,8 +1,8 @@
-/* Moves the camera of sbl_view. Include after tool_camera.h. */
+/* The camera of sbl_view and its movements. Include after tool_camera.h. */
 #ifndef VIEW_CAMERA_H
 #define VIEW_CAMERA_H
 
-/* Three unit vectors of the camera. */
+/* The axes of the camera, as unit vectors. */
 typedef struct view_axes { double right[3], up[3], forward[3]; } view_axes;
 
 static double view_dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -29,7 +29,7 @@ static view_axes view_axes_of(const camera_view *c) {
     return a;
 }
 
-/* Turns v about a unit axis by an angle in radians. */
+/* Rotates v about a unit axis by an angle in radians. */
 static void view_turn(double v[3], const double axis[3], double angle) {
     const double along = view_dot(v, axis) * (1 - cos(angle));
     double side[3];
@@ -38,8 +38,8 @@ static void view_turn(double v[3], const double axis[3], double angle) {
     for (k = 0; k < 3; k++) v[k] = v[k] * cos(angle) + side[k] * sin(angle) + axis[k] * along;
 }
 
-/* Turns the camera about a point: by `turn` about the direction that is up, and by `tilt` about its own right. It stops
-   2 degrees before it looks straight up or down. */
+/* Rotates the camera about a point: by `turn` about the up direction, and by `tilt` about its own axis to the right. It
+   stops 2 degrees before it looks straight up or down. */
 static void view_orbit(camera_view *c, const double pivot[3], double turn, double tilt) {
     const double steepest = cos(atan(1.0) * 2 / 45), before = view_axes_of(c).forward[1];
     double up[3], from[3];
@@ -67,7 +67,7 @@ static void view_move(camera_view *c, double right, double up, double forward) {
     for (k = 0; k < 3; k++) c->eye[k] += right * a.right[k] + up * a.up[k] + forward * a.forward[k];
 }
 
-/* Returns the distance of a point along the view. */
+/* Returns the distance of a point from the camera, measured along the viewing direction. */
 static double view_depth(const camera_view *c, const double at[3]) {
     const view_axes a = view_axes_of(c);
     double to[3];
@@ -76,12 +76,12 @@ static double view_depth(const camera_view *c, const double at[3]) {
     return view_dot(to, a.forward);
 }
 
-/* Returns the world's length of a pixel at a distance along the view. */
+/* Returns the size of a pixel in world units at a depth. */
 static double view_pixel(const camera_view *c, double depth) {
     return 2 * depth * tan(c->fov * atan(1.0) / 90) / camera.size[1];
 }
 
-/* Computes the place of a world point in clip space. */
+/* Computes the clip-space position of a world point. */
 static void view_project(const float world_to_view[16], const float view_to_clip[16], const double at[3],
                          float out[4]) {
     const float *m = world_to_view, *p = view_to_clip;

@@ -1,7 +1,7 @@
 /* Draws the window of sbl_view: a picture or a channel in false colours, lines and bars. Include after host_gl.h.
 
-   A picture is kept in a texture of linear values, as a screen shows them (the frame). It stays when sbl.h begins the
-   next picture, whose own textures are not there yet. */
+   The frame is a texture with the shown picture: exposed and tone-mapped, but linear. It remains visible when sbl.h
+   begins the next picture, which has no textures of its own at first. */
 #ifndef VIEW_DRAW_H
 #define VIEW_DRAW_H
 
@@ -12,9 +12,10 @@ static const char view_vertex[] =
     "    gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);\n"
     "}\n";
 
-/* Copies a picture into the frame, pixel for pixel: row 0 to row 0. tone: 0: unchanged; 1 to 3: an sbl_tone, applied to
-   the picture times factor. The curves are those of shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and
-   AgX (Sobotka 2022). backdrop: sbl_picture_desc.backdrop; shown where depths is 0, if it is brighter. */
+/* Copies a picture into the frame, pixel for pixel, row 0 to row 0. tone: 0 copies it unchanged; 1 to 3 is an sbl_tone,
+   which is applied to the picture times factor. The curves are those of shaders_embedded/tone.glsl: PBR Neutral
+   (Khronos Group 2024) and AgX (Sobotka 2022). backdrop: see sbl_picture_desc.backdrop; it is shown where depths is 0
+   and it is brighter than the picture */
 static const char view_tone_fragment[] =
     "uniform sampler2D picture;\n"
     "uniform sampler2D depths;\n"
@@ -53,7 +54,7 @@ static const char view_tone_fragment[] =
     "    color = vec4(c, 1.0);\n"
     "}\n";
 
-/* The first row of the texture is the top of the picture. encode: 1: the values are linear. */
+/* Draws a texture, whose first row is the top row. encode: 1 if its values are linear */
 static const char view_fragment[] =
     "uniform sampler2D picture;\n"
     "uniform int encode;\n"
@@ -65,7 +66,7 @@ static const char view_fragment[] =
     "    color = vec4(encode == 1 ? s : c, 1.0);\n"
     "}\n";
 
-static const char view_line_vertex[] =  /* only w is clipped: lines have no depth */
+static const char view_line_vertex[] =  /* only w is clipped, because lines have no depth */
     "in vec4 place;\n"
     "in vec4 ink;\n"
     "out vec4 paint;\n"
@@ -75,15 +76,15 @@ static const char view_line_fragment[] =
     "out vec4 color;\n"
     "void main() { color = paint; }\n";
 
-/* A corner of a line: its place in clip space (y is up) and its colour. */
+/* An end point of a line: its position in clip space (y is up) and its colour. */
 typedef struct view_corner { float place[4], color[4]; } view_corner;
 
 static struct view_gl {
     GLuint tone, show, line;                           /* programs */
     GLuint array, lines, framebuffer;
     GLuint frame, colors, disc;                        /* textures */
-    int size[2];                                       /* of the frame; 0: there is none yet */
-    int shows_colors;                                  /* 1: the window shows colors, not the frame */
+    int size[2];                                       /* size of the frame; 0 if there is none yet */
+    int shows_colors;                                  /* 1: the window shows `colors` instead of `frame` */
     GLint place, ink;
 } view_gl;
 
@@ -97,7 +98,7 @@ static GLuint view_texture(void) {
     return texture;
 }
 
-/* Returns 0 and prints a message if the driver cannot do it. */
+/* Creates the programs and textures. Returns 0 and prints a message on failure. */
 static int view_gl_start(void) {
     view_gl.tone = host_gl_program(TOOL_NAME, "", view_vertex, view_tone_fragment);
     view_gl.show = host_gl_program(TOOL_NAME, "", view_vertex, view_fragment);
@@ -128,9 +129,9 @@ static void view_gl_stop(void) {
     gl.DeleteTextures(3, textures);
 }
 
-/* What becomes the frame. */
+/* The source of a new frame. */
 typedef struct view_source {
-    GLuint picture, depths;  /* textures; depths: only with a tone */
+    GLuint picture, depths;  /* textures; depths is used only with a tone */
     int tone;                /* 0, or an sbl_tone that is applied to the radiance times factor */
     float factor, backdrop[3];
 } view_source;
@@ -157,14 +158,14 @@ static void view_make_frame(const view_source *source, const int size[2]) {
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 
-/* Copies the frame: its size[0] * size[1] * 3 floats, linear, top row first. */
+/* Copies the frame: size[0] * size[1] * 3 linear floats, top row first. */
 static void view_read_frame(float *out) {
     gl.BindFramebuffer(GL_FRAMEBUFFER, view_gl.framebuffer);
     gl.ReadPixels(0, 0, view_gl.size[0], view_gl.size[1], GL_RGB, GL_FLOAT, out);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 
-/* Lets the window show colours of 8 bits instead of the frame. */
+/* Makes the window show a picture of 8-bit colours instead of the frame. */
 static void view_set_colors(const unsigned char *rgb, int width, int height) {
     gl.BindTexture(GL_TEXTURE_2D, view_gl.colors);
     gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGB8, width, height, 0, GL_RGB, GL_UNSIGNED_BYTE, rgb);
@@ -179,7 +180,7 @@ static void view_draw_texture(GLuint texture, const int rect[4], int encode) {
     gl.DrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-/* Fills the window with the picture. */
+/* Draws the picture so that it fills the window. */
 static void view_draw_picture(const int size[2]) {
     static const float dark[4] = { 0.1f, 0.12f, 0.15f, 1 };
     const int all[4] = { 0, 0, size[0], size[1] };
@@ -188,7 +189,7 @@ static void view_draw_picture(const int size[2]) {
     else view_draw_texture(view_gl.shows_colors ? view_gl.colors : view_gl.frame, all, !view_gl.shows_colors);
 }
 
-/* Fills a rectangle, whose first two numbers are its left and lower edge. */
+/* Fills a rectangle. x, y: its left and lower edge */
 static void view_draw_rect(int x, int y, int width, int height, const float color[4]) {
     gl.Enable(GL_SCISSOR_TEST);
     gl.Scissor(x, y, width > 0 ? width : 0, height);

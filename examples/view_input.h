@@ -1,15 +1,15 @@
-/* The keys and the mouse of sbl_view. A part of sbl_view.c, which includes it after its state. */
+/* The keys and the mouse of sbl_view. sbl_view.c includes this file after its state. */
 #ifndef VIEW_INPUT_H
 #define VIEW_INPUT_H
 
 static camera_view first_camera;
 
-/* Returns the length that the scene is measured by. */
+/* Returns a length that represents the size of the scene. */
 static double view_reach(void) { return survey__radius(&view.seen) > 0 ? survey__radius(&view.seen) : 1; }
 
 static int is_held(int key) { return glfwGetKey(view.window, key) == GLFW_PRESS; }
 
-/* Returns the pixel of the picture at a place in the window. */
+/* Finds the pixel of the picture at a point of the window. */
 static void pixel_at(const double mouse[2], int out[2]) {
     int window[2], k;
     glfwGetWindowSize(view.window, &window[0], &window[1]);
@@ -19,9 +19,10 @@ static void pixel_at(const double mouse[2], int out[2]) {
     }
 }
 
-/* ---- lights ---- */
+/* ---- moving lights ---- */
 
-/* Moves the selected light by pixels to the right and up, and by a share of the distance away from the camera. */
+/* Moves the selected light by a number of pixels to the right and up, and away from the camera by a share of the
+   distance. */
 static void move_light(double right, double up, double away) {
     const view_axes a = view_axes_of(&view.camera);
     sbl_light *light = &view.lights[view.light];
@@ -54,7 +55,7 @@ static void select_light(void) {
     view.redraw = 1;
 }
 
-/* Returns whether the mark of the selected light is at a place in the window. */
+/* Returns 1 if a point of the window is on the mark of the selected light. */
 static int is_on_light(const double mouse[2]) {
     float clip[4];
     double at[3];
@@ -69,7 +70,8 @@ static int is_on_light(const double mouse[2]) {
 
 /* ---- the mouse ---- */
 
-/* Finds the point that a drag turns the camera about: the surface at the mouse, or a point before the camera. */
+/* Finds the point that a drag rotates the camera about: the surface under the mouse, or else a point in front of the
+   camera. */
 static void find_pivot(const double mouse[2]) {
     const view_axes a = view_axes_of(&view.camera);
     const size_t pixels = (size_t)view.work_size[0] * (size_t)view.work_size[1];
@@ -90,7 +92,8 @@ static void find_pivot(const double mouse[2]) {
     free(places);
 }
 
-/* The place of the mouse is that of the last movement: the mouse may have moved on since the button was pressed. */
+/* Handles a mouse button. The position is that of the last mouse movement, because the mouse may have moved on since
+   the button was pressed. */
 static void on_button(GLFWwindow *window, int button, int action, int modifiers) {
     (void)window;
     (void)modifiers;
@@ -107,10 +110,10 @@ static void on_button(GLFWwindow *window, int button, int action, int modifiers)
     view.clicked = 1;
     pixel_at(view.mouse, view.click);
     if (view.stage == PICTURE) return;
-    for (button = 0; button < 2; button++) view.click[button] *= VIEW_SHRINK;  /* of the picture that follows */
+    for (button = 0; button < 2; button++) view.click[button] *= VIEW_SHRINK;  /* from preview to picture */
 }
 
-/* x, y: how far the mouse has moved */
+/* Handles a drag. x, y: how far the mouse has moved */
 static void drag(double x, double y) {
     const double angle = 2 * atan(1.0) * 4 / (view.size[0] + view.size[1] > 0 ? view.size[0] + view.size[1] : 1);
     const double length = view_pixel(&view.camera, fmax(view_depth(&view.camera, view.pivot), 0.05 * view_reach()));
@@ -162,7 +165,7 @@ static void print_camera(void) {
     fflush(stdout);
 }
 
-/* Moves the selected light by a key. Returns 0 if the key does not move it. */
+/* Moves the selected light by a key. Returns 0 if the key does not move lights. */
 static int light_key(int key) {
     const double right = (key == GLFW_KEY_RIGHT) - (key == GLFW_KEY_LEFT), up = (key == GLFW_KEY_UP) -
         (key == GLFW_KEY_DOWN), away = (key == GLFW_KEY_PAGE_UP) - (key == GLFW_KEY_PAGE_DOWN);
@@ -186,10 +189,10 @@ static void on_key(GLFWwindow *window, int key, int code, int action, int modifi
     }
 }
 
-/* Keys by what is written on them, whatever the keyboard. */
+/* Handles keys by the character on them, so that the layout of the keyboard does not matter. */
 static void on_character(GLFWwindow *window, unsigned character) {
     (void)window;
-    if (view.button == GLFW_MOUSE_BUTTON_RIGHT) return;  /* the keys fly */
+    if (view.button == GLFW_MOUSE_BUTTON_RIGHT) return;  /* while this button is held, the keys move the camera */
     if (character >= '0' && character <= '9') set_channel(character == '0' ? 9 : (int)(character - '1'));
     switch (character) {
         case '[': set_channel(view.channel - 1); break;
@@ -216,7 +219,7 @@ static void on_character(GLFWwindow *window, unsigned character) {
     }
 }
 
-/* Moves the camera by the keys that are held. */
+/* Moves the camera according to the keys that are held. */
 static void fly(void) {
     static double last;
     const double time = now(), passed = last > 0 ? fmin(time - last, 0.1) : 0;
@@ -241,7 +244,7 @@ static void fly(void) {
 
 /* ---- the window ---- */
 
-/* A window that is minimised has no size; its picture stays. */
+/* Handles a new size of the window. A minimised window has no size; its picture stays. */
 static void on_size(GLFWwindow *window, int width, int height) {
     (void)window;
     if (width < 1 || height < 1 || (width == view.size[0] && height == view.size[1])) return;

@@ -1,5 +1,5 @@
-/* What sbl_view draws over the picture: the rays, lamps and sums of a sensor, and the places of the lights. Include
-   after view_draw.h, view_camera.h and sensor_disc.h. */
+/* Draws the overlay of sbl_view: the rays, lamps and sums of a sensor, and the marks of the lights. Include after
+   view_draw.h, view_camera.h and sensor_disc.h. */
 #ifndef VIEW_OVERLAY_H
 #define VIEW_OVERLAY_H
 
@@ -8,9 +8,9 @@ enum { OVERLAY_DISC = 128, OVERLAY_LINES = 8192 };
 static struct overlay {
     view_corner corners[2 * OVERLAY_LINES];
     int count;
-    float world_to_view[16], view_to_clip[16];  /* the camera that the lines are drawn for */
+    float world_to_view[16], view_to_clip[16];  /* the camera of the shown picture */
     int has_sensor;
-    sbl_sensor sensor;                          /* its rays and lamps belong to sbl.h */
+    sbl_sensor sensor;                          /* its arrays of rays and lamps belong to sbl.h */
     double from_lamps[3], from_surroundings[3];
     unsigned char disc[OVERLAY_DISC * OVERLAY_DISC * 3];
 } overlay;
@@ -25,14 +25,14 @@ static void overlay__line(const double from[3], const double to[3], const float 
     overlay.count += 2;
 }
 
-/* Returns the distance along a ray to the plane of a lamp's triangle, or 0 if there is none. lamp->number counts only
-   triangles that have an area. */
+/* Returns the distance along a ray to the plane of the triangle of a lamp, or 0 if the triangle is not found.
+   lamp->number counts only triangles with an area. */
 static double overlay__to_triangle(const sbl_scene_desc *scene, const sbl_sensor_lamp *lamp, const double from[3],
                                    const double way[3]) {
     const sbl_mesh *m = &scene->meshes[lamp->mesh];
     double p[3][3], a[3], b[3], n[3], to[3];
     int i, k, number = lamp->number;
-    if (m->indices.type != SBL_UINT32) return 0;  /* the ground of a studio */
+    if (m->indices.type != SBL_UINT32) return 0;  /* the ground of a studio has no 32-bit indices */
     for (i = 0; i + 2 < m->index_count; i += 3) {
         for (k = 0; k < 3; k++) studio__corner(m, i + k, p[k]);
         for (k = 0; k < 3; k++) { a[k] = p[1][k] - p[0][k]; b[k] = p[2][k] - p[0][k]; to[k] = p[0][k] - from[k]; }
@@ -43,7 +43,7 @@ static double overlay__to_triangle(const sbl_scene_desc *scene, const sbl_sensor
     return view_dot(n, to) / view_dot(n, way);
 }
 
-/* Returns how far a ray is drawn. far_away: for rays that meet nothing */
+/* Returns the length at which a ray is drawn. far_away: length of rays that hit nothing */
 static double overlay__length(const sbl_scene_desc *scene, const sbl_sensor_ray *r, const double from[3],
                               const double way[3], double far_away) {
     const sbl_sensor_lamp *lamp = r->lamp >= 0 ? &overlay.sensor.lamps[r->lamp] : NULL;
@@ -60,8 +60,8 @@ static double overlay__length(const sbl_scene_desc *scene, const sbl_sensor_ray 
 
 static const float overlay_open[4] = { 1, 0.85f, 0.2f, 0.8f }, overlay_blocked[4] = { 1, 0.1f, 0.1f, 0.8f };
 
-/* Adds the lines of the sensor's rays. factor: the exposure. Rays over the hemisphere have the colour of what they
-   find. Rays towards lamps are yellow if they arrive and red if they are blocked. */
+/* Adds the lines of the rays of the sensor. Rays over the hemisphere have the colour of the light that they find. Rays
+   to lamps are yellow if the lamp is visible and red if they are blocked. factor: the exposure */
 static void overlay_rays(const sbl_scene_desc *scene, double far_away, float factor) {
     const sbl_sensor *s = &overlay.sensor;
     double from[3], way[3], to[3];
@@ -86,8 +86,8 @@ static void overlay_rays(const sbl_scene_desc *scene, double far_away, float fac
     }
 }
 
-/* Adds lines to the lights of the scene that are among the lamps of the sensor: lights without size have no rays in the
-   list. */
+/* Adds a line to each light of the scene among the lamps of the sensor, because lights without a size have no ray in
+   the list. */
 static void overlay_lights(const sbl_scene_desc *scene, double far_away) {
     double from[3], to[3];
     int i, k;
@@ -105,7 +105,7 @@ static void overlay_lights(const sbl_scene_desc *scene, double far_away) {
     }
 }
 
-/* Adds a mark at a place: three lines of equal length on the screen. */
+/* Adds a mark at a point: three crossed lines of equal length on the screen. */
 static void overlay_mark(const double at[3], double reach, const float color[4]) {
     double from[3], to[3];
     int i;
@@ -118,7 +118,8 @@ static void overlay_mark(const double at[3], double reach, const float color[4])
     }
 }
 
-/* Takes the sensor that was inspected, and prints it. pixel: where it is. Returns 0 if memory runs out. */
+/* Inspects the sensor at a pixel, stores it for drawing, and prints it. Returns 0 on failure, such as lack of
+   memory. */
 static int overlay_take(sbl_context *context, const int pixel[2], float factor) {
     sbl_sensor *s = &overlay.sensor;
     const size_t texels = (size_t)s->sheet_width * (size_t)s->sheet_height;
@@ -148,8 +149,8 @@ static int overlay_take(sbl_context *context, const int pixel[2], float factor) 
     return overlay.has_sensor = result == SBL_SUCCESS;
 }
 
-/* Draws the disc of what the sensor sees, and beside it its sums as bars of red, green and blue: from lamps, from
-   surroundings, and both. height: of the window */
+/* Draws the disc of the sensor, and next to it its sums as red, green and blue bars: from lamps, from surroundings, and
+   in total. height: of the window */
 static void overlay_draw_sums(int height) {
     static const float colors[3][4] = { { 0.9f, 0.25f, 0.2f, 1 }, { 0.3f, 0.8f, 0.3f, 1 }, { 0.3f, 0.45f, 1, 1 } };
     static const float black[4] = { 0, 0, 0, 1 };

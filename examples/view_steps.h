@@ -1,38 +1,38 @@
-/* Measures the steps of sbl_view: how long each call of sbl_step keeps the window waiting, and why. Include after
-   tool_scene.h.
+/* Measures how long each call of sbl_step makes the window of sbl_view wait, and why. Include after tool_scene.h.
 
-   A step has three times. The wall time is what a user feels. The processor time of the thread that draws is what sbl.h
-   and the driver need in this thread. If the machine takes the processor away meanwhile, for another program, the wall
-   time is longer: the kernel counts these interruptions, and such a step is called disturbed. With LP_NUM_THREADS=0,
-   Mesa's software renderer works in this thread alone, so that the two times of a step that is not disturbed agree. */
+   Each step has three times: wall time, which the user perceives; processor time of the drawing thread, which sbl.h and
+   the driver use there; and processor time of the process. If the system gives the processor to another program
+   meanwhile, the wall time grows. The kernel counts these interruptions; a step with one is called disturbed. With
+   LP_NUM_THREADS=0, the software renderer of Mesa works in the drawing thread alone, so that wall time and processor
+   time of an undisturbed step agree. */
 #ifndef VIEW_STEPS_H
 #define VIEW_STEPS_H
 
 #include <time.h>
 
-enum { STEPS_MOST = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
+enum { STEPS_MAX = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
 
 static const char *const steps_phases[] = { "surface", "bounce", "gather", "refine", "filter", "resolve" };
 
-/* What is known at one time. */
+/* The clocks and counters at one moment. */
 typedef struct steps_state {
-    double wall, own, all;      /* seconds: clock, processor time of the thread and of the process */
+    double wall, own, all;      /* seconds: wall clock; processor time of thread and of process */
     long interruptions;
     int programs;
-    double phases[6];           /* of sbl_stats.seconds */
+    double phases[6];           /* the times of sbl_stats.seconds */
 } steps_state;
 
 typedef struct steps_step {
-    float wall, own, all;       /* seconds */
-    short disturbed, programs;  /* number of interruptions, and of programs that were compiled */
-    short phase, preview;        /* index in steps_phases of what took most of the time; 1: a step of a preview */
+    float wall, own, all;       /* in seconds, as above */
+    short disturbed, programs;  /* number of interruptions; number of GL programs compiled */
+    short phase, preview;       /* index in steps_phases of the slowest phase; 1: a step of a preview */
 } steps_step;
 
 static struct steps {
     steps_step *list;
     int count;
     steps_state before;
-    double longest_begin, longest_lights, longest_draw;  /* seconds of other calls */
+    double longest_begin, longest_lights, longest_draw;  /* longest times of other calls in seconds */
 } steps;
 
 static double steps__clock(clockid_t clock) {
@@ -55,16 +55,16 @@ static void steps__look(const sbl_context *context, steps_state *s) {
     s->all = steps__clock(CLOCK_PROCESS_CPUTIME_ID);
 }
 
-/* Call these two around a call of sbl_step. */
+/* Call steps_enter before and steps_leave after a call of sbl_step. */
 static void steps_enter(const sbl_context *context) {
-    if (!steps.list) steps.list = (steps_step *)malloc(STEPS_MOST * sizeof *steps.list);
+    if (!steps.list) steps.list = (steps_step *)malloc(STEPS_MAX * sizeof *steps.list);
     steps__look(context, &steps.before);
 }
 
 static void steps_leave(const sbl_context *context, int preview) {
     const steps_state *b = &steps.before;
     steps_state after;
-    steps_step *s = steps.list && steps.count < STEPS_MOST ? &steps.list[steps.count] : NULL;
+    steps_step *s = steps.list && steps.count < STEPS_MAX ? &steps.list[steps.count] : NULL;
     int i;
     steps__look(context, &after);
     if (!s) return;
@@ -80,7 +80,7 @@ static void steps_leave(const sbl_context *context, int preview) {
     steps.count++;
 }
 
-/* Keeps the longest time of another call, which began at `start`. */
+/* Updates the longest time of another kind of call. start: time when the call began */
 static void steps_note(double *longest, double start) {
     const double seconds = steps__clock(CLOCK_MONOTONIC) - start;
     if (seconds > *longest) *longest = seconds;
@@ -96,7 +96,7 @@ static int steps__slower(const void *a, const void *b) {
     return x < y ? 1 : x > y ? -1 : 0;
 }
 
-/* Writes percentiles and a histogram of n times, which are sorted. */
+/* Writes percentiles and a histogram of n sorted times. */
 static void steps__write_times(FILE *out, const char *name, float *times, int n) {
     static const double edges[STEPS_EDGES] = { 1, 2, 5, 10, 15, 20, 50, 100, 1e30 };
     int i, k, below = 0;
@@ -114,7 +114,7 @@ static void steps__write_times(FILE *out, const char *name, float *times, int n)
     }
 }
 
-/* Writes the file of --step-histogram. It sorts the steps. */
+/* Writes the file of --step-histogram. It sorts the recorded steps. */
 static int steps_write(FILE *out, const void *what) {
     float *times = (float *)malloc(((size_t)steps.count + 1) * sizeof *times);
     int i, n;

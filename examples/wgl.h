@@ -1,4 +1,4 @@
-/* Creates a GL core context on Windows, in a window that is never shown. Other systems use EGL.
+/* Creates a GL core context on Windows in a window that is never shown. Other systems use EGL.
 
        if (!wgl_open("name of the program")) return 1;
        clear = (PFNGLCLEARPROC)wgl_function("glClear");
@@ -16,7 +16,7 @@ typedef void (*wgl_any)(void);
 
 static struct wgl { HWND window; HDC device; HGLRC context; } wgl;
 
-/* Returns a GL function. wglGetProcAddress does not return functions of GL 1.1, which opengl32.dll exports. */
+/* Returns a GL function. wglGetProcAddress does not find functions of GL 1.1; those come from opengl32.dll. */
 static inline wgl_any wgl_function(const char *name) {
     const wgl_any found = (wgl_any)wglGetProcAddress(name);
     return found ? found : (wgl_any)GetProcAddress(GetModuleHandleA("opengl32.dll"), name);
@@ -29,8 +29,8 @@ static inline void wgl_close(void) {
     memset(&wgl, 0, sizeof wgl);
 }
 
-/* Replaces the current legacy context by a core context. A core context can only be requested while another is
-   current. */
+/* Replaces the current legacy context by a core context. Windows can create a core context only while another context
+   is current. */
 static inline void wgl__to_core(void) {
     static const int wishes[] = { WGL_CONTEXT_MAJOR_VERSION_ARB, 3, WGL_CONTEXT_MINOR_VERSION_ARB, 3,
                                   WGL_CONTEXT_PROFILE_MASK_ARB, WGL_CONTEXT_CORE_PROFILE_BIT_ARB, 0 };
@@ -42,7 +42,7 @@ static inline void wgl__to_core(void) {
     wglDeleteContext(old);
 }
 
-/* Returns 0 and prints a message if there is no GL. */
+/* Creates the window and the context. Returns 0 and prints a message on failure. */
 static inline int wgl_open(const char *program) {
     PIXELFORMATDESCRIPTOR format;
     WNDCLASSA kind;

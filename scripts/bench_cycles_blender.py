@@ -1,11 +1,11 @@
-"""Runs Blender as a child process that renders on request. Used by bench_cycles and bench_bake. Blender runs
+"""Runs Blender as a child process that renders on request, for bench_cycles and bench_bake. Blender runs
 bench_cycles_render.py."""
 import json, os, shutil, subprocess, sys
 
 
 class Blender:
     def __init__(self, job, *options):
-        environment = dict(os.environ, PATH='/usr/bin:/bin')  # otherwise Blender uses another Python from PATH
+        environment = dict(os.environ, PATH='/usr/bin:/bin')  # otherwise Blender might use another Python from PATH
         self.process = subprocess.Popen([shutil.which('blender'), '-b', '--factory-startup', '-noaudio', *options,
                                          '--python-exit-code', '1',
                                          '--python', 'scripts/bench_cycles_render.py', '--', json.dumps(job)],
@@ -15,7 +15,7 @@ class Blender:
         self.answer()
 
     def answer(self):
-        """Returns the text after BENCH, and the lines before it."""
+        """Waits for a line "BENCH ...". Returns the text after BENCH, and the lines before it."""
         said = []
         for line in self.process.stdout:
             if line.startswith('BENCH '):
@@ -24,7 +24,7 @@ class Blender:
         sys.exit('%s: Blender ended:\n' % os.path.basename(sys.argv[0]) + ''.join(said[-20:]))
 
     def run(self, samples, seed, path):
-        """Returns the seconds and Blender's output. path: the file that is written."""
+        """Returns the seconds, and the output of Blender. path: the file that Blender writes"""
         self.process.stdin.write('%d %d %s\n' % (samples, seed, os.path.abspath(path)))
         self.process.stdin.flush()
         seconds, said = self.answer()
@@ -36,6 +36,6 @@ class Blender:
 
 
 def share_cores():
-    """Makes sbl's tools use a software renderer on the same cores as Blender. Returns the number of cores."""
+    """Makes the tools of sbl use a software renderer on the same cores as Blender. Returns the number of cores."""
     os.environ.setdefault('LIBGL_ALWAYS_SOFTWARE', '1')
     return int(os.environ.setdefault('LP_NUM_THREADS', str(len(os.sched_getaffinity(0)))))

@@ -1,12 +1,13 @@
-"""bench_cycles_blender.py runs this script inside Blender 3.x. It prepares a scene for Cycles once. It then renders the
-scene for each line "SAMPLES SEED FILE" on stdin. If the job has a "lightmap", it bakes a lightmap of that many texels
-across instead, with the second texture coordinates of the meshes.
+"""bench_cycles_blender.py runs this script inside Blender 3.x. It prepares a scene for Cycles once, and then renders it
+for each line "SAMPLES SEED FILE" on stdin. If the job has a "lightmap", it instead bakes a lightmap of that width in
+texels, with the second texture coordinates of the meshes.
 
-Every surface is a two-sided Lambertian surface of the file's base colour, unless the job is "glossy": then it has the
-metal, gloss and panes of the file. Every emitter emits to both sides. The job sets the number of bounces. Nothing is
-clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory between
-pictures. After each picture the script prints a line "BENCH SECONDS": the time of Blender's render call, without
-writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue, the lowest row first).
+Every surface is a two-sided Lambertian surface with the base colour of the file; if the job is "glossy", surfaces also
+have the metal, gloss and panes of the file. Every emitter emits on both sides. The job sets the number of bounces.
+Nothing is clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory
+between pictures. After each picture, the script prints a line "BENCH SECONDS" with the time of Blender's render call,
+which does not include writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue; bottom row
+first).
 """
 import json, math, sys, time
 import bpy
@@ -22,18 +23,18 @@ else:
     if not hasattr(numpy, 'bool'):
         numpy.bool = bool  # needed by the importer of Blender 3.4, removed in numpy 1.24
     bpy.ops.import_scene.gltf(filepath=job['file'])
-    to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # the glTF importer turns y up into z up
+    to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # the glTF importer has turned y-up into z-up
 
 
 class Shader:
-    """Replaces the shader that the importer made for a material. Each function adds a node and returns its output."""
+    """Replaces the shader that the importer made for a material. Each method adds a node and returns its output."""
 
     def __init__(self, material):
         self.tree, self.name = material.node_tree, material.name
         self.made = next(n for n in self.tree.nodes if n.type == 'BSDF_PRINCIPLED')
 
     def node(self, kind, *inputs, **settings):
-        """inputs: in the order of the node; each is an output, a value, or None for the node's own default"""
+        """inputs: in the order of the node; each is an output, a value, or None to keep the default of the node"""
         made = self.tree.nodes.new('ShaderNode' + kind)
         for key, value in settings.items():
             setattr(made, key, value)
@@ -45,7 +46,7 @@ class Shader:
         return made.outputs[0]
 
     def read(self, name):
-        """Returns what feeds an input of the importer's shader: an output or a value."""
+        """Returns the output that is connected to an input of the importer's shader, or the value of the input."""
         source = self.made.inputs[name]
         return source.links[0].from_socket if source.is_linked else source.default_value
 
@@ -63,8 +64,8 @@ class Shader:
         return self.node('BsdfDiffuse', self.read('Base Color'))
 
     def glossy(self):
-        """The lobes of glTF 2.0. Fresnel's term is that of the viewer's angle; IORs are those of the front, because
-        panes are thin."""
+        """Builds the lobes of glTF 2.0. The Fresnel term uses the angle of the viewer, and the index of refraction of
+        the front side, because panes are thin."""
         base, roughness, metallic = (self.read(name) for name in ('Base Color', 'Roughness', 'Metallic'))
         back = self.tree.nodes.new('ShaderNodeNewGeometry').outputs['Backfacing']
         fresnel = self.node('Fresnel', self.math('MULTIPLY_ADD', back, 1 / 1.5 - 1.5, 1.5))
@@ -88,7 +89,7 @@ for material in bpy.data.materials:
         shader = Shader(material)
         shader.replace(shader.glossy() if job.get('glossy') else shader.lambertian())
 for mesh in bpy.data.meshes if job.get('glossy') else ():
-    mesh.use_auto_smooth = False  # ignores the file's normals; surfaces are black where these point to the back
+    mesh.use_auto_smooth = False  # otherwise surfaces would be black where the normals of the file point to the back
 for thing in list(bpy.data.objects):
     if thing.type in ('CAMERA', 'LIGHT'):
         bpy.data.objects.remove(thing)
@@ -110,7 +111,7 @@ cycles.caustics_reflective = cycles.caustics_refractive = bool(job.get('glossy')
 
 
 def camera():
-    """Returns two functions: one renders the picture through the job's camera, one writes it."""
+    """Returns two functions: one renders the picture through the camera of the job, one writes it."""
     eye, look_at, up = (Vector(job[key]) for key in ('eye', 'look_at', 'up'))
     backward = (eye - look_at).normalized()
     right = up.cross(backward).normalized()
@@ -123,8 +124,8 @@ def camera():
                                                                       backward)).transposed().to_4x4()
     render.resolution_x, render.resolution_y = job['size']
     render.resolution_percentage = 100
-    cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest one, for pixel centres
-    # the sum of these passes, without the surface's colour, is R
+    cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # narrowest, for pixel centres
+    # the sum of these passes, without the colour of the surface, is R
     scene.view_layers[0].use_pass_diffuse_direct = scene.view_layers[0].use_pass_diffuse_indirect = True
     image = render.image_settings
     image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'

@@ -1,6 +1,6 @@
-"""An add-on for Blender 3.4 and later: bakes light with sbl_bake into a lightmap of the selected objects, and renders
-with sbl_render into the image editor. Install it with Edit > Preferences > Add-ons > Install; its panel is in the
-properties of the scene's render settings. examples/README.md describes it."""
+"""An add-on for Blender 3.4 and later. It bakes light with sbl_bake into a lightmap of the selected objects, and
+renders with sbl_render into the image editor. Install it with Edit > Preferences > Add-ons > Install; its panel is in
+the render properties. examples/README.md describes it."""
 import json
 import math
 import os
@@ -23,19 +23,19 @@ bl_info = {
     "category": "Render",
 }
 
-if "bool" not in vars(numpy):  # used by the glTF add-on of Blender 3.4, removed in numpy 1.24
+if "bool" not in vars(numpy):  # the glTF add-on of Blender 3.4 uses it, but numpy 1.24 removed it
     numpy.bool = bool
 
-LAYER = "Lightmap"              # the name of the second UV map
-ORIGINAL = "sbl_original"       # custom property of a material that shows baked light: the material that it replaces
+LAYER = "Lightmap"              # name of the second UV map
+ORIGINAL = "sbl_original"       # custom property of materials with baked light: the material that they replace
 MODULE = __package__ or __name__
 
 
 class Failure(Exception):
-    """A message for the user."""
+    """An error with a message for the user."""
 
 
-# ---- the tools ----
+# ---- running the tools ----
 
 def find_tool(name):
     entry = bpy.context.preferences.addons.get(MODULE)
@@ -48,7 +48,7 @@ def find_tool(name):
 
 
 class Job:
-    """A tool that runs as a process. It draws its progress bar because its error stream is a terminal."""
+    """A tool that runs as a process. Its error stream is a terminal, so that it draws its progress bar."""
 
     def __init__(self, command, folder):
         self.folder, self.said, self.done = folder, "", 0.0
@@ -57,7 +57,7 @@ class Job:
             import pty
             self.terminal, theirs = pty.openpty()
             os.set_blocking(self.terminal, False)
-        except (ImportError, OSError):  # Windows: no progress
+        except (ImportError, OSError):  # on Windows there is no progress
             pass
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=theirs,
                                         start_new_session=True)
@@ -80,11 +80,11 @@ class Job:
             self.done = max(self.done, int(share) / 100)
 
     def lines(self):
-        """The messages of the tool, without the progress bar."""
+        """Returns the messages of the tool, without the progress bar."""
         return [line for line in re.split(r"[\r\n]+", self.said) if re.match(r"sbl_\w+: ", line)]
 
     def poll(self):
-        """Returns whether the tool has ended. Fails if the tool has failed."""
+        """Returns whether the tool has ended. Raises an error if it has failed."""
         self.read()
         if self.process.poll() is None:
             return False
@@ -96,7 +96,7 @@ class Job:
         return True
 
     def end(self):
-        """Ends the process if it runs, and removes its files."""
+        """Ends the process if it still runs, and removes its files."""
         if self.process.poll() is None:
             self.process.terminate()
             try:
@@ -110,10 +110,10 @@ class Job:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-# ---- the scene as a file ----
+# ---- exporting the scene ----
 
 def sky_options(scene):
-    """The background of the world, which glTF does not hold, as options of the tools."""
+    """Returns the background of the world, which glTF does not store, as options of the tools."""
     world, color = scene.world, (0.0, 0.0, 0.0)
     if world and world.use_nodes:
         for node in world.node_tree.nodes:
@@ -126,7 +126,7 @@ def sky_options(scene):
 
 
 class Originals:
-    """While it is entered, objects have the materials that baked light has replaced."""
+    """A context manager. Inside it, objects have the materials that baked light has replaced."""
 
     def __enter__(self):
         self.slots = []
@@ -142,7 +142,8 @@ class Originals:
 
 
 class Unwrapped:
-    """While it is entered, objects have copies of their meshes, with lightmap coordinates in the map LAYER."""
+    """A context manager. Inside it, objects have copies of their meshes, with lightmap coordinates in the UV map
+    LAYER."""
 
     def __init__(self, objects, size, keep):
         self.objects, self.size, self.keep = objects, size, keep
@@ -216,7 +217,8 @@ def export(path, only_selected):
 
 
 def choose_charts(path, index):
-    """Makes the lightmap coordinates of the nodes in index the second ones, and removes those of other nodes."""
+    """Makes the UV map with the lightmap coordinates the second set of the nodes in index, and removes this set from
+    other nodes."""
     with open(path, "rb") as file:
         data = file.read()
     end = 20 + struct.unpack("<I", data[12:16])[0]
@@ -238,10 +240,10 @@ def choose_charts(path, index):
         file.write(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
 
 
-# ---- the light in the materials ----
+# ---- showing the light in materials ----
 
 def source(tree, shader, names, default):
-    """Returns the socket that feeds an input of a shader, or its value."""
+    """Returns the socket that is connected to an input of a shader, or the value of the input."""
     for name in names:
         found = shader.inputs.get(name) if shader else None
         if found:
@@ -295,10 +297,10 @@ def lit(material, image):
 
 
 def show_light(objects, charts, image):
-    """Gives objects the lightmap: coordinates in a UV map, and materials that show it."""
+    """Gives objects the lightmap: its coordinates in a UV map, and materials that show it."""
     copies = {}
     for thing in objects:
-        if thing.data.users > 1:  # instances have different light
+        if thing.data.users > 1:  # instances have different light, so each needs a mesh of its own
             thing.data = thing.data.copy()
         layers = thing.data.uv_layers
         if not layers:
@@ -316,7 +318,7 @@ def show_light(objects, charts, image):
 
 
 def hide_light(objects):
-    """Gives objects back the materials that baked light has replaced."""
+    """Restores the materials that baked light has replaced."""
     found = 0
     for thing in objects:
         for slot in thing.material_slots:
@@ -327,7 +329,7 @@ def hide_light(objects):
 
 
 def load_picture(path, name):
-    """Loads a picture of linear values and keeps it in the .blend file."""
+    """Loads a picture of linear values and packs it into the .blend file."""
     old = bpy.data.images.get(name)
     image = bpy.data.images.load(path)
     known = {item.identifier for item in
@@ -344,7 +346,7 @@ def load_picture(path, name):
 # ---- operators ----
 
 class Bake:
-    """A bake of the selected objects."""
+    """Bakes the selected objects."""
 
     def __init__(self, context):
         settings = context.scene.sbl
@@ -376,7 +378,7 @@ class Bake:
 
 
 class Render:
-    """A picture by the active camera."""
+    """Renders a picture through the active camera."""
 
     def __init__(self, context):
         scene, settings = context.scene, context.scene.sbl
@@ -419,7 +421,7 @@ def _gltf(v):
 
 
 class ToolOperator(bpy.types.Operator):
-    """What both operators do: they wait for a tool, show its progress, and can be cancelled."""
+    """The common part of both operators: they wait for a tool, show its progress, and can be cancelled."""
     bl_options = {"REGISTER", "UNDO"}
 
     def begin(self, context):
@@ -431,7 +433,7 @@ class ToolOperator(bpy.types.Operator):
             return False
 
     def execute(self, context):
-        """Without a window: waits."""
+        """Runs without a window, and waits for the tool."""
         if not self.begin(context):
             return {"CANCELLED"}
         while True:
@@ -453,7 +455,7 @@ class ToolOperator(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def look(self, context):
-        """Returns a result if the tool has ended."""
+        """Returns a result if the tool has ended, otherwise None."""
         result = {"CANCELLED"}
         try:
             if not self.work.job.poll():
@@ -521,7 +523,7 @@ class SBL_OT_remove(bpy.types.Operator):
         return {"CANCELLED"}
 
 
-# ---- settings and the panel ----
+# ---- settings and panel ----
 
 class SBL_settings(bpy.types.PropertyGroup):
     size: bpy.props.IntProperty(name="Size", default=1024, min=16, max=16384, description="Texels across the lightmap")

@@ -8,7 +8,7 @@ import sys
 import bpy
 import numpy
 
-if not hasattr(numpy, "bool"):  # needed by the glTF reader of Blender 3.4, removed in numpy 1.24
+if not hasattr(numpy, "bool"):  # the glTF reader of Blender 3.4 needs it, but numpy 1.24 removed it
     numpy.bool = bool
 
 scene, out, size, degrees, GAP = sys.argv[sys.argv.index("--") + 1:]
@@ -16,7 +16,7 @@ size, degrees, GAP = int(size), float(degrees), int(GAP)  # GAP: texels between 
 
 
 def read():
-    for thing in list(bpy.data.objects):  # the cube, lamp and camera of the start-up file
+    for thing in list(bpy.data.objects):  # the cube, lamp and camera of the default file
         bpy.data.objects.remove(thing)
     if os.path.splitext(scene)[1].lower() == ".obj":
         bpy.ops.wm.obj_import(filepath=scene)
@@ -33,7 +33,7 @@ def unwrap(meshes):
     bpy.context.view_layer.objects.active = meshes[0]
     bpy.ops.object.make_single_user(object=True, obdata=True)
     bpy.ops.object.parent_clear(type="CLEAR_KEEP_TRANSFORM")
-    bpy.ops.object.transform_apply(location=False, rotation=False, scale=True)  # keeps charts proportional
+    bpy.ops.object.transform_apply(location=False, rotation=False, scale=True)  # for charts in proportion
     for o in meshes:  # TEXCOORD_0 is reserved for materials, with or without textures
         layers = o.data.uv_layers
         if not layers:
@@ -49,7 +49,7 @@ def unwrap(meshes):
 
 
 class Chart:
-    """The corners of faces of an object that share edges in the map: their numbers and coordinates."""
+    """The corners of the faces of an object that share edges in the map: their indices and coordinates."""
 
     def __init__(self, coordinates, corners):
         self.coordinates, self.corners = coordinates, numpy.array(corners)
@@ -89,7 +89,7 @@ def charts_of(coordinates, mesh):
 
 
 def rows_of(charts, scale):
-    """Returns the place of each chart, in rows from the highest chart to the lowest, or None if they do not fit."""
+    """Returns the positions of the charts, in rows from the highest chart to the lowest, or None if they do not fit."""
     places, column, row, high = [], GAP // 2, GAP // 2, 0
     for chart in charts:
         width, height = chart.texels(scale)
@@ -103,7 +103,7 @@ def rows_of(charts, scale):
 
 
 def pack(meshes):
-    """Packs charts with whole texels between them, because some overlap with the packer of Blender 3.4."""
+    """Packs charts at integer distances in texels, because the packer of Blender 3.4 lets some overlap."""
     layers = [o.data.uv_layers["Lightmap"].data for o in meshes]
     coordinates = []
     for layer in layers:
@@ -128,7 +128,7 @@ def pack(meshes):
 
 
 def chunk(path):
-    """Returns the JSON of a .gltf or .glb, and what follows it in the file."""
+    """Returns the JSON of a .gltf or .glb, and the part of the file after it."""
     with open(path, "rb") as file:
         data = file.read()
     end = 20 + struct.unpack("<I", data[12:16])[0] if data[:4] == b"glTF" else len(data)
@@ -136,7 +136,8 @@ def chunk(path):
 
 
 def keep_generator():
-    """Keeps the name of the program that wrote the lights, because it tells their unit (examples/scene_units.h)."""
+    """Keeps the name of the program that wrote the lights, because it determines their unit (see
+    examples/scene_units.h)."""
     document, rest = chunk(out)
     is_gltf = os.path.splitext(scene)[1].lower() != ".obj"
     document["asset"]["generator"] = (chunk(scene)[0]["asset"] if is_gltf else {}).get("generator", "sbl.h unwrap")

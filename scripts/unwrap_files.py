@@ -1,7 +1,7 @@
-"""unwrap_files.py SCENE: checks the files that a scene names, before Blender reads them: a .gltf or .glb may name
+"""unwrap_files.py SCENE: checks the files that a scene names, before Blender reads them. A .gltf or .glb may name
 buffers and pictures; an .obj may name material libraries, which may name textures. Each must be a regular file in the
-scene's folder or below it, after symbolic links are followed, so that a foreign scene neither copies private files into
-the result nor waits for a pipe. A name without a file is accepted. Exit status: 1 if a name is refused.
+folder of the scene or below it, after symbolic links are followed, so that an untrusted scene can neither copy private
+files into the result nor wait for a pipe. A name without a file is accepted. Exit status: 1 if a name is refused.
 """
 import json
 import os
@@ -9,7 +9,7 @@ import struct
 import sys
 from urllib.parse import unquote
 
-TEXTURE_KEYS = ("map_", "bump", "disp", "decal", "refl", "norm")  # how a line of an .mtl with a texture begins
+TEXTURE_KEYS = ("map_", "bump", "disp", "decal", "refl", "norm")  # lines of an .mtl that name textures begin so
 
 
 class Refused(Exception):
@@ -23,7 +23,7 @@ def regular(path, name):
 
 
 def check(scene, name):
-    """Returns the path of a file that the scene names, or raises Refused."""
+    """Returns the path of a file that the scene names. Raises Refused if it is not allowed."""
     folder = os.path.realpath(os.path.dirname(scene) or ".")
     path = os.path.realpath(os.path.join(folder, name.replace("\\", "/")))
     if os.path.commonpath((folder, path)) != folder:
@@ -33,7 +33,7 @@ def check(scene, name):
 
 
 def uris(value):
-    """Returns all strings named "uri" in a JSON value, wherever extensions may have put them."""
+    """Returns all strings named "uri" in a JSON value, also within extensions."""
     if isinstance(value, list):
         return [uri for one in value for uri in uris(one)]
     if not isinstance(value, dict):
@@ -51,7 +51,7 @@ def document_of(path):
 
 
 def lines_of(path):
-    """Returns the lines of an .obj or .mtl as lists of words. A backslash at its end continues a line."""
+    """Returns the lines of an .obj or .mtl as lists of words. A backslash at the end of a line continues it."""
     with open(path, "r", encoding="utf-8", errors="replace") as file:
         return [line.split() for line in file.read().replace("\\\n", " ").split("\n") if line.strip()]
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Compares with path-traced pictures in ../shared/references, if they exist; otherwise it skips. scripts/test runs it
-# after scripts/build.
+# Compares pictures with path-traced pictures in ../shared/references. It skips all tests if these do not exist.
+# scripts/test runs it after scripts/build.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 references=../shared/references
@@ -23,9 +23,9 @@ print(sys.argv[3].format(eye=join(c['eye']), look_at=join(c['look_at']), up=join
 END
 }
 
-exec 3>&1  # measurements are shown even if the test passes
+exec 3>&1  # lines on descriptor 3 are shown even if the test passes
 
-# file_of SCENE: prints its path
+# file_of SCENE: prints the path of the scene
 file_of() {
     for file in "$scenes/$1/$1.glb" "$scenes/$1/$1.obj"; do
         [ ! -f "$file" ] || { echo "$file"; return; }
@@ -33,12 +33,12 @@ file_of() {
     return 1
 }
 
-# compare SCENE MODE BLOCK MOST_ERROR MOST_BIAS OPTIONS...: renders R with the options and compares means over blocks of
-# pixels
+# compare SCENE MODE BLOCK MOST_ERROR MOST_BIAS OPTIONS...: renders R with the options, and compares the means of blocks
+# of pixels
 compare() {
     scene=$1 mode=$2 block=$3 most_error=$4 most_bias=$5
     shift 5
-    # the camera is a list of words
+    # the words of the camera become arguments
     build/sbl_render "$(file_of "$scene")" \
         $(camera "$scene" '--eye {eye} --look-at {look_at} --up {up} --fov {fov} --size {size} --sky {sky}') \
         --mode "$mode" --quiet --channel radiance -o "$folder/r.pfm" "$@" || return
@@ -49,7 +49,7 @@ compare() {
     awk -v e="$most_error" -v b="$most_bias" \
         '$1 == "relRMSE" { ok = $2 <= e && $4 <= b && -$4 <= b && $NF == 0 } END { exit !ok }' "$folder/line"
 }
-# against NAME SCENE ...: a test that calls compare
+# against NAME SCENE ...: runs `compare` as a test
 against() {
     file_of "$2" > /dev/null || { skip "$1" "no $2"; return; }
     compared=$1
@@ -65,9 +65,9 @@ against ambient_light_default_settings cornell_box ambient 1 0.018 0.001
 against many_lamps staircase2 direct 4 0.012 0.0015
 against windows living-room direct 4 0.07 0.004
 
-# rays SCENE: tests traced sensors in a room; see extra_trace.c
+# rays SCENE: tests traced sensors in a room (see extra_trace.c)
 rays() {
-    # the camera is a list of words
+    # the words of the camera become arguments
     build/extra_trace "$(file_of "$1")" $(camera "$1" '{eye} {look_at} {up} {fov}') > "$folder/rays"
     status=$?
     grep '^  ' "$folder/rays" >&3

@@ -1,4 +1,4 @@
-/* Traced sensors in real rooms from ../shared/scenes: rays hit the same triangles as those of an independent ray
+/* Tests traced sensors in real rooms from ../shared/scenes: rays hit the same triangles as with an independent ray
    caster, and smooth light equals that of large rasterised sensors. extra_references.sh runs: extra_trace SCENE EYE
    LOOK_AT UP FOV. */
 #define _DEFAULT_SOURCE
@@ -11,7 +11,7 @@
 
 static scene_file *file;
 static sbl_context *context;
-static float camera[10];  /* eye, look at, up, fov */
+static float camera[10];  /* eye, look-at point, up, fov */
 
 static sbl_picture_desc camera_view(int width, int height) {
     sbl_picture_desc view;
@@ -23,7 +23,7 @@ static sbl_picture_desc camera_view(int width, int height) {
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    view.facet_limit = 1e9f;  /* normals are the triangles' own, so that no ray starts into its own surface */
+    view.facet_limit = 1e9f;  /* shading normals equal the geometric ones, so that no ray starts into its own surface */
     view.options.backend = SBL_BACKEND_TRACE;
     sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6],
                 camera[7], camera[8]);
@@ -31,7 +31,7 @@ static sbl_picture_desc camera_view(int width, int height) {
     return view;
 }
 
-/* Rays from a thousand visible points hit the same triangles as those of the ray caster. */
+/* Rays from a thousand visible points hit the same triangles as with the ray caster. */
 TEST(a_thousand_points_see_the_same_triangles) {
     enum { POINTS = 1000, EACH = 1024 };
     sbl_picture_desc view = camera_view(160, 90);
@@ -50,7 +50,7 @@ TEST(a_thousand_points_see_the_same_triangles) {
     ref_destroy(truth);
 }
 
-/* R of traced and rasterised sensors differs by less than 1 % rms if every surface emits its albedo. */
+/* R of traced and rasterised sensors differs by less than 1 % RMS if every surface emits its albedo. */
 TEST(smooth_light_is_what_rasterised_sensors_find) {
     enum { WIDTH = 9, HEIGHT = 6 };
     sbl_picture_desc view = camera_view(WIDTH, HEIGHT);
@@ -88,7 +88,7 @@ int main(int argc, char **argv) {
     }
     file = scene_file_load(argv[1], NULL, error, sizeof error);
     if (!file) return fprintf(stderr, "%s\n", error), 1;
-    /* smooth light: a sky, and every surface emits its albedo; no lamps */
+    /* the light is smooth: a sky, every surface emits its albedo, and no lamps */
     materials = (sbl_material *)malloc(sizeof *materials * (size_t)(file->scene.material_count + 1));
     if (!materials) abort();
     for (i = 0; i < file->scene.material_count; i++) {

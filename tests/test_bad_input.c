@@ -1,7 +1,7 @@
-/* Mistakes of a host: wrong values in every field of every descriptor, NULL, calls in the wrong order, arrays that are
-   too small, cancelling, and abandoning work. For each mistake the tests check the result and a message that names the
-   place, the field and the value. They also check that nothing has changed or leaked: the context must still render a
-   known picture that is the same to the bit. */
+/* Tests mistakes of a host: wrong values in every field of every descriptor, NULL, calls in the wrong order, arrays
+   that are too small, cancelling, and abandoning work. For each mistake the tests check the result, and a message that
+   names the place, the field and the value. They also check that nothing has changed or leaked: the context must still
+   render a known picture, equal to the bit. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -16,12 +16,12 @@ static watch seen;
 static sbl_context *context;
 static test_scene small;
 static small_picture expected, expected_traced;
-static sbl_memory memory;  /* memory in use when the known picture is finished */
+static sbl_memory memory;  /* memory in use after the known picture is finished */
 static int blocks;
 static sbl_picture_desc view;
 
-/* Brings the context into the state in which every test finds and leaves it: the small scene is set, and its picture is
-   finished, first traced, then rasterised. */
+/* Brings the context into the state in which every test finds and leaves it: the small scene is set, and its picture
+   has been rendered, first traced, then rasterised. */
 static void known_picture(void) {
     sbl_scene_desc desc = scene_desc(&small);
     if (sbl_set_scene(context, &desc) != SBL_SUCCESS) abort();
@@ -35,7 +35,7 @@ static void known_picture(void) {
 }
 
 /* Renders the known picture again, traced and rasterised, and compares the picture and the memory in use. The context
-   must hold the small scene. */
+   must have the small scene. Returns 1 if all are equal. */
 static int usable(const char *after) {
     static small_picture picture;
     sbl_result result;
@@ -60,16 +60,17 @@ static int usable(const char *after) {
     return result == SBL_SUCCESS;
 }
 
-static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where,
+static void refused(sbl_result result, sbl_result wanted, sbl_log_item item, const char *mistake, const char *where,
                     const char *field, const char *value) {
-    CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
+    CHECK(result == wanted, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result),
+          sbl_result_string(wanted));
     CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value),
           "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d messages: %s",
           mistake, where ? where : "",
           field ? field : "", value ? value : "", sbl_log_item_string(item), seen.count, watch_last(&seen));
 }
 
-/* >>sbl_context_desc */
+/* >>invalid sbl_context_desc fields */
 
 static void bad_context(const sbl_context_desc *desc, const char *mistake, const char *field, const char *value) {
     sbl_context *out = (sbl_context *)&seen;
@@ -90,7 +91,7 @@ static int has_no_bounds(const sbl_context *c) {
     return memcmp(&bounds, &none, sizeof none) == 0;
 }
 
-/* Each invalid field of sbl_context_desc is refused with a message that names field and value. */
+/* sbl_create refuses each invalid field of sbl_context_desc with a message that names the field and the value. */
 TEST(context_desc) {
     BAD_CONTEXT(d.start_canary = 0xabc, "start_canary", "abc");
     BAD_CONTEXT(d.end_canary = 0xabc, "end_canary", "abc");
@@ -107,7 +108,7 @@ TEST(context_desc) {
     usable("bad context descriptors");
 }
 
-/* Four invalid fields give four messages. */
+/* Four invalid fields cause four messages. */
 TEST(context_desc_all_at_once) {
     sbl_context_desc d = watch_desc(&seen);
     sbl_context *out = NULL;
@@ -128,9 +129,9 @@ TEST(context_desc_all_at_once) {
             "batch", "-3");
 }
 
-/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light, sbl_environment: each test takes a
-   valid scene and changes one field. The mistakes are in the second mesh, material and texture, so that a message that
-   always says 0 fails the test. */
+/* >>invalid fields of sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light and sbl_environment.
+   Each test changes one field of a valid scene. The mistakes are in the second mesh, material and texture, so that a
+   message that always says 0 fails the test. */
 
 typedef struct fixture {
     float positions[12], normals[12], texcoords[8], colors[16];
@@ -204,13 +205,13 @@ static void identity(float m[16]) {
 
 static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
 
-static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field,
+static void bad_scene(sbl_result wanted, sbl_log_item item, const char *mistake, const char *where, const char *field,
                       const char *value) {
     sbl_result result;
     watch_forget(&seen);
     result = sbl_set_scene(context, &f.scene);
-    refused(result, right, item, mistake, where, field, value);
-    /* if a mistake is accepted, the tests that follow must not fail, too */
+    refused(result, wanted, item, mistake, where, field, value);
+    /* if a mistake is accepted, this keeps later tests from failing, too */
     if (result == SBL_SUCCESS) known_picture();
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
@@ -219,7 +220,7 @@ static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, 
     do { fixture_reset(); change; bad_scene(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_##item, #change, where, \
                                             field, value); } while (0)
 
-/* The unchanged fixture must be accepted. Otherwise the refusals below would prove nothing. */
+/* sbl_set_scene accepts the unchanged fixture; otherwise the refusals below would prove nothing. */
 TEST(scene_without_mistakes) {
     sbl_result result;
     fixture_reset();
@@ -231,7 +232,7 @@ TEST(scene_without_mistakes) {
     CHECK(seen.blocks == blocks, "blocks leaked");
 }
 
-/* Each invalid field of sbl_scene_desc is refused with a message that names field and value. */
+/* sbl_set_scene refuses each invalid field of sbl_scene_desc with a message that names the field and the value. */
 TEST(scene_desc) {
     int i, k;
     BAD_SCENE(f.scene.start_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "start_canary", "abc");
@@ -271,7 +272,7 @@ TEST(scene_desc) {
     usable("bad scene descriptors");
 }
 
-/* Invalid counts and materials of a mesh are refused; the message names the mesh. */
+/* Invalid counts and materials of a mesh are refused, and the message names the mesh. */
 TEST(mesh_counts_and_material) {
     BAD_SCENE(f.meshes[1].vertex_count = -1, MESH, "mesh 1", "vertex_count", "-1");
     BAD_SCENE(f.meshes[1].vertex_count = INT_MIN, MESH, "mesh 1", "vertex_count", "-2147483648");
@@ -286,7 +287,7 @@ TEST(mesh_counts_and_material) {
     usable("bad meshes");
 }
 
-/* Indices beyond the last vertex are refused; the message names mesh and index. */
+/* Indices beyond the last vertex are refused, and the message names the mesh and the index. */
 TEST(mesh_indices_past_the_end) {
     BAD_SCENE(f.indices32[4] = 4, MESH, "mesh 0", "index 4", "4");
     BAD_SCENE(f.indices32[4] = 0xffffffffu, MESH, "mesh 0", "index 4", "4294967295");
@@ -335,16 +336,16 @@ TEST(streams) {
         BAD_SCENE(stream(i)->offset = SIZE_MAX, MESH, "mesh 1", field, "offset");
         BAD_SCENE(stream(i)->offset = SIZE_MAX - 8, MESH, "mesh 1", field, "offset");
         snprintf(field, sizeof field, "%s.gl_buffer", names[i]);
-        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "(12345) are both set");  /* data is set, too */
+        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "(12345) are both set");  /* data is also set */
         BAD_SCENE((stream(i)->gl_buffer = 12345, stream(i)->data = NULL), MESH, "mesh 1", field, "12345");
     }
-    /* sbl_type allows SBL_UINT8_NORM only for colours and texture coordinates */
+    /* SBL_UINT8_NORM is allowed only for colours and texture coordinates */
     BAD_SCENE(f.meshes[1].positions.type = SBL_UINT8_NORM, MESH, "mesh 1", "positions.type", "2");
     BAD_SCENE(f.meshes[1].normals.type = SBL_UINT8_NORM, MESH, "mesh 1", "normals.type", "2");
     usable("bad streams");
 }
 
-/* NaN, infinities and colours out of range are refused; the message names mesh and vertex. */
+/* NaN, infinities and colours out of range are refused, and the message names the mesh and the vertex. */
 TEST(vertices_that_are_no_numbers) {
     static const float values[3] = { NOT, INF, -INF };
     static const char *const words[3] = { "nan", "inf", "-inf" };
@@ -391,7 +392,7 @@ TEST(mesh_transforms) {
     usable("bad transforms");
 }
 
-/* Each invalid field of sbl_material is refused; the message names the material. */
+/* Each invalid field of sbl_material is refused, and the message names the material. */
 TEST(materials) {
     int i;
     for (i = 0; i < 3; i++) {
@@ -437,7 +438,7 @@ TEST(materials) {
     usable("bad materials");
 }
 
-/* Each invalid field of sbl_texture and each invalid pixel is refused; the message names the texture. */
+/* Each invalid field of sbl_texture and each invalid pixel is refused, and the message names the texture. */
 TEST(textures) {
     int i;
     BAD_SCENE(f.textures[1].pixels = NULL, TEXTURE, "texture 2", "pixels", "0");
@@ -456,7 +457,7 @@ TEST(textures) {
     BAD_SCENE(f.textures[1].height = INT_MIN, TEXTURE, "texture 2", "size", "2 x -2147483648");
     BAD_SCENE(f.textures[1].stride = 31, TEXTURE, "texture 2", "stride", "31");
     BAD_SCENE(f.textures[0].stride = 7, TEXTURE, "texture 1", "stride", "7");
-    /* height rows of this stride exceed the address space */
+    /* rows of this stride, times the height, exceed the address space */
     BAD_SCENE(f.textures[1].stride = SIZE_MAX, TEXTURE, "texture 2", "stride", NULL);
     BAD_SCENE(f.textures[1].stride = SIZE_MAX / 2 + 1, TEXTURE, "texture 2", "stride", NULL);
     for (i = 0; i < 16; i++) {
@@ -469,7 +470,8 @@ TEST(textures) {
     usable("bad textures");
 }
 
-/* Light 0 of the fixture is a point light, 1 a spot, 2 directional. */
+/* Each invalid field of sbl_light is refused. Light 0 of the fixture is a point light, light 1 a spot, and light 2
+   directional. */
 TEST(lights) {
     int i, k;
     BAD_SCENE(f.scene.light_count = -1, SCENE_DESC, "sbl_scene_desc", "light_count", "-1");
@@ -512,10 +514,10 @@ TEST(lights) {
     BAD_SCENE(f.lights[1].cone = 180.5f, LIGHT, "light 1", "cone", "180.5");
     BAD_SCENE(f.lights[1].cone = NOT, LIGHT, "light 1", "cone", "nan");
     BAD_SCENE(f.lights[1].inner_cone = -0.5f, LIGHT, "light 1", "inner_cone", "-0.5");
-    BAD_SCENE(f.lights[1].inner_cone = 90.5f, LIGHT, "light 1", "inner_cone", "90.5");  /* the default of cone is 90 */
+    BAD_SCENE(f.lights[1].inner_cone = 90.5f, LIGHT, "light 1", "inner_cone", "90.5");  /* the default cone is 90 */
     BAD_SCENE((f.lights[1].cone = 30, f.lights[1].inner_cone = 31), LIGHT, "light 1", "inner_cone", "31");
     BAD_SCENE(f.lights[1].inner_cone = NOT, LIGHT, "light 1", "inner_cone", "nan");
-    /* each mistake gives one message */
+    /* each mistake causes one message */
     fixture_reset();
     f.lights[0].radius = -1;
     f.lights[1].cone = 200;
@@ -573,7 +575,7 @@ TEST(environments) {
         char pixel[32];
         if (i % 4 == 3) continue;  /* the alpha of a sky is ignored */
         snprintf(pixel, sizeof pixel, "component %d of pixel %d %d", i % 4, i / 4 % 2, i / 8);
-        /* The textures get another format, so that they do not read the changed float as well. */
+        /* The textures get another format, so that the changed float does not also belong to a texture. */
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = NOT), LIGHT, "environment", pixel, "nan");
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = INF), LIGHT, "environment", pixel, "inf");
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = -0.25f), LIGHT, "environment", pixel,
@@ -585,7 +587,7 @@ TEST(environments) {
         BAD_SCENE((memset(&e->picture, 0, sizeof e->picture), e->radiance = glows_wrongly, e->user = &wrong), LIGHT,
                   "environment", "component 2", words[i]);
     }
-    /* each mistake gives one message */
+    /* each mistake causes one message */
     fixture_reset();
     e->scale = NOT;
     e->rotation = NOT;
@@ -597,8 +599,8 @@ TEST(environments) {
     usable("bad environments");
 }
 
-/* Lights of intensity 0 and a black sky picture are valid, also with extreme directions, angles and rotations. The
-   picture must equal the one without lights, to the bit. */
+/* Lights of intensity 0 and a black sky picture are valid, even with extreme directions, angles and rotations. The
+   picture equals that without lights, to the bit. */
 TEST(lights_without_light) {
     static small_picture without, with;
     static float black[4 * 4];
@@ -651,7 +653,7 @@ TEST(scenes_too_large) {
     usable("scenes too large");
 }
 
-/* A scene with a mistake in every part gives one message for each. */
+/* A scene with a mistake in every part causes one message for each. */
 TEST(scene_all_at_once) {
     static const struct { sbl_log_item item; const char *where, *field; } mistakes[] = {
         { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "sky[2]" },
@@ -687,7 +689,7 @@ TEST(scene_all_at_once) {
               "%s: no message mentions %s",
               mistakes[i].where, mistakes[i].field);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
-    /* the vertices of every mesh are checked, and each bad mesh is named */
+    /* the vertices of every mesh are checked, and the messages name each bad mesh */
     fixture_reset();
     f.meshes[0].positions.offset = 0;
     f.positions[1] = NOT;
@@ -747,10 +749,10 @@ TEST(empty_scenes_and_meshes) {
     usable("empty scenes");
 }
 
-/* Degenerate triangles give one warning per mesh and leave the picture unchanged, to the bit. */
+/* Degenerate triangles cause one warning per mesh and leave the picture unchanged, to the bit. */
 TEST(degenerate_triangles) {
     static small_picture without, with;
-    /* 2 valid triangles, then triangles with two or three equal indices, with collinear corners, with equal
+    /* 2 valid triangles, then triangles with two or three equal indices, with collinear corners, and with equal
        positions */
     static const uint32_t spoiled[18] = { 0, 1, 2, 0, 0, 1, 0, 2, 3, 2, 2, 2, 0, 4, 5, 1, 6, 2 };
     static const float corners[21] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1,  0, 0, 0, 1, 0, 1, 1, 0, 1 };
@@ -790,7 +792,7 @@ TEST(degenerate_triangles) {
     known_picture();
 }
 
-/* The brightest and the dimmest lights that are allowed give finite, positive pictures. */
+/* The brightest and the dimmest allowed lights give finite, positive pictures. */
 TEST(extreme_light) {
     static const float lights[] = { 1e-45f, 1e-40f, 1e-37f, 1e-20f, 1e20f, 1e37f };
     int i, k, way;
@@ -815,13 +817,13 @@ TEST(extreme_light) {
     known_picture();
 }
 
-/* >>sbl_picture_desc */
+/* >>invalid sbl_picture_desc fields */
 
-static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake,
+static void bad_picture(const sbl_picture_desc *desc, sbl_result wanted, sbl_log_item item, const char *mistake,
                         const char *field, const char *value) {
     static small_picture picture;
     watch_forget(&seen);
-    refused(sbl_begin_picture(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
+    refused(sbl_begin_picture(context, desc), wanted, item, mistake, "sbl_picture_desc", field, value);
     CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected),
           "%s: the finished picture is gone", mistake);
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
@@ -833,7 +835,7 @@ static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_
         bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); \
     } while (0)
 
-/* Each invalid field of sbl_picture_desc is refused; the finished picture stays. */
+/* Each invalid field of sbl_picture_desc is refused, and the finished picture remains readable. */
 TEST(picture_desc) {
     int i;
     BAD_PICTURE(d.start_canary = 0xabc, "start_canary", "abc");
@@ -909,7 +911,7 @@ TEST(picture_desc) {
     usable("bad picture descriptors");
 }
 
-/* Many invalid fields of sbl_picture_desc give one message each. */
+/* Many invalid fields of sbl_picture_desc cause one message each. */
 TEST(picture_desc_all_at_once) {
     static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays",
         "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "facet_limit", "filter_radius", "samples",
@@ -978,7 +980,7 @@ TEST(rays_with_a_draw_callback) {
     known_picture();
 }
 
-/* Both ends of the range of max_bounce_cells are accepted, and 0 means the default. */
+/* Both ends of the range of max_bounce_cells are accepted, and 0 selects the default. */
 TEST(max_bounce_cells_ends_of_range) {
     static const int samples[] = { 0, 1024, 1048576 };
     int i;
@@ -989,7 +991,7 @@ TEST(max_bounce_cells_ends_of_range) {
         desc.max_bounce_cells = samples[i];
         d.options.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
         watch_forget(&seen);
-        if (samples[i] > 2000) {  /* only begins the work, because all of it takes long */
+        if (samples[i] > 2000) {  /* only begins the work, because completing it takes long */
             CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &d) == SBL_SUCCESS &&
                       sbl_step(context, 1e-3) == SBL_UNFINISHED,
                   "max_bounce_cells of %d: %s", samples[i], watch_last(&seen));
@@ -1008,10 +1010,10 @@ TEST(max_bounce_cells_ends_of_range) {
     usable("max_bounce_cells");
 }
 
-/* >>calls */
+/* >>calls with wrong arguments or in the wrong order */
 
-#define SAID(call, right, item, a, b) \
-    do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
+#define SAID(call, wanted, item, a, b) \
+    do { watch_forget(&seen); refused(call, wanted, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
 
 /* NULL for any parameter is refused, and no function crashes without a context. */
 TEST(null_parameters) {
@@ -1052,14 +1054,14 @@ TEST(null_parameters) {
     sbl_end(NULL);
     sbl_destroy(NULL);
 
-    /* a NULL descriptor means all defaults; the default logger writes one line to stderr */
+    /* a NULL descriptor selects all defaults; the default logger writes one line to stderr */
     CHECK(sbl_create(NULL, &out) == SBL_SUCCESS, "sbl_create without a descriptor");
     CHECK(sbl_begin_picture(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
     sbl_destroy(out);
     usable("NULL parameters");
 }
 
-/* Enumeration values out of range are refused, or give empty strings and zeros. */
+/* Enumeration values out of range are refused, or result in empty strings and zeros. */
 TEST(values_that_do_not_exist) {
     float some[3];
     small_picture picture;
@@ -1079,7 +1081,7 @@ TEST(values_that_do_not_exist) {
     usable("values that do not exist");
 }
 
-/* sbl_look_at and sbl_perspective return 0 for impossible input and leave their output untouched. */
+/* sbl_look_at and sbl_perspective return 0 for impossible input and do not write their output. */
 TEST(helpers_out_of_range) {
     float m[16], before[16];
     int i;
@@ -1153,7 +1155,7 @@ static void little_room(sbl_backend backend) {
     usable("too little room");
 }
 
-/* Arrays that are one element too small are refused and left untouched; arrays of the exact size work. */
+/* Arrays that are one element too small are refused and not written; arrays of the exact size are accepted. */
 TEST(too_little_room) {
     little_room(SBL_BACKEND_RASTER);
     little_room(SBL_BACKEND_TRACE);
@@ -1220,7 +1222,7 @@ static int cancel(float done, void *user) {
     return ++c->calls == c->stop_at;
 }
 
-/* A progress callback that cancels at its Nth call, for every N, ends the picture and leaks nothing. */
+/* A progress callback that cancels at its Nth call, for every N, ends the picture, and nothing leaks. */
 TEST(cancel_at_every_call) {
     int stop, budget, steps, most = 0;
     for (budget = 0; budget < 4; budget++)
@@ -1299,7 +1301,7 @@ enum { MEDDLINGS = 20 };
 static size_t put_nothing(const void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
 static size_t get_nothing(void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
 
-/* Makes one call that is forbidden inside of a callback, and counts how often it is refused. */
+/* Makes one call that is forbidden inside a callback, and counts its refusals. */
 static int meddle(meddler *m) {
     static sbl_sensor sensor;
     static float values[3 * SMALL_PIXELS];
@@ -1369,13 +1371,13 @@ static void meddling_draw(const sbl_draw_view *drawn, void *user) {
     meddle((meddler *)user);
 }
 
-/* A call from inside of a callback must be refused and have no effect. The picture must equal the one without such
-   calls, to the bit. */
+/* A call of sbl.h from inside a callback is refused and has no effect. The picture equals that without such calls, to
+   the bit. */
 TEST(callbacks_that_call_back) {
     static small_picture plain, other;
     sbl_scene_desc scene = scene_desc(&small);
     int way, which;
-    for (way = 0; way < 3; way++) {  /* progress callback, rasterised and traced; draw callback */
+    for (way = 0; way < 3; way++) {  /* ways: progress callback rasterised, progress callback traced, draw callback */
         view = small_view();
         view.options.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -1416,7 +1418,7 @@ TEST(callbacks_that_call_back) {
     usable("callbacks that call back");
 }
 
-/* A scene that mixes triangles of sizes 1e-20 to 1e17, some of them needles, gives finite values in all channels. */
+/* A scene of triangles with sizes from 1e-20 to 1e17, some of them needles, gives finite values in all channels. */
 TEST(sizes_far_apart) {
     static const float sizes[] = { 1e-20f, 1e-18f, 1e-12f, 1e-6f, 1, 1e6f, 1e12f, 1e17f };
     static small_picture picture;
@@ -1449,8 +1451,8 @@ TEST(sizes_far_apart) {
     scene_free(&s);
 }
 
-/* Valid but suspicious scenes give a warning and are accepted: a scene without any light, a scene that is too small or
-   too large, and one too far from the origin for its size. */
+/* Valid but suspicious scenes cause a warning and are accepted: without any light, too small or too large, or too far
+   from the origin for their size. */
 TEST(warnings) {
     static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
         { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
@@ -1477,7 +1479,7 @@ TEST(warnings) {
               seen.errors, seen.warnings, watch_last(&seen));
         if (cases[i].warnings)
             CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
-        /* scenes without a warning must be right: compare with the exact form factor (Howell B-4) */
+        /* scenes without a warning must be rendered correctly: compares with the exact form factor (Howell B-4) */
         for (way = 0; way < 2 && !cases[i].warnings; way++) {
             const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
             view = small_view();
@@ -1498,7 +1500,7 @@ TEST(warnings) {
     usable("warnings");
 }
 
-/* The product of a finite emission and a finite texel may overflow a float. */
+/* The product of a finite emission and a finite texel may overflow a float; such a scene is refused. */
 TEST(radiance_that_overflows) {
     static const float bright[3] = { 8, 8, 8 };
     test_scene s = { 0 };

@@ -1,5 +1,5 @@
-/* Tests of build/sbl_bake as a user runs it, and of build/host_lightmap, which draws its output. The scene is a floor
-   beneath a lamp, whose light Lambert's formula gives. */
+/* Tests build/sbl_bake as a user runs it, and build/host_lightmap, which draws its output. The scene is a floor below a
+   lamp, whose light is known from Lambert's formula. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -9,7 +9,7 @@
 
 static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f, 0.9f } };
 
-/* R of the floor at a point of the map. */
+/* Returns R of the floor at a point of the map. */
 static double truth_at(double u, double v) {
     const float *c = apart[FLOOR];
     const v3 p = { -2 + 4 * (u - (double)c[0]) / (double)(c[2] - c[0]) + (double)moved[0], (double)moved[1],
@@ -32,12 +32,12 @@ static double truth_at(double u, double v) {
   #define MAP_FORMATS "pfm"
 #endif
 
-static int inside(const float *chart, int x, int y) {  /* whether the texel's centre is in the chart */
+static int inside(const float *chart, int x, int y) {  /* Returns 1 if the centre of the texel is in the chart. */
     const double u = (x + 0.5) / MAP, v = (y + 0.5) / MAP;
     return u > (double)chart[0] && u < (double)chart[2] && v > (double)chart[1] && v < (double)chart[3];
 }
 
-/* Returns whether texel and chart overlap. */
+/* Returns 1 if texel and chart overlap. */
 static int touches(const float *chart, int x, int y) {
     return x + 1 > MAP * chart[0] && x < MAP * chart[2] && y + 1 > MAP * chart[1] && y < MAP * chart[3];
 }
@@ -46,7 +46,7 @@ static const float *texel(const picture *p, int x, int y) { return p->values + 3
 
 /* ---- lightmaps ---- */
 
-/* The lightmap holds Lambert's light within 1 % of the brightest texel; atlas.pfm also fills the gutter. */
+/* The lightmap equals Lambert's light within 1 % of the brightest texel; atlas.pfm also fills the gutter. */
 TEST(a_lightmap_holds_lamberts_light) {
     picture light, atlas;
     int x, y, k, wrong = 0, dark = 0, filled = 0;
@@ -87,7 +87,7 @@ TEST(a_lightmap_holds_lamberts_light) {
     CHECK(!exists("out/overlap.png"), "overlap.png was written without an overlap");
 }
 
-/* The .png, multiplied by the factor in the .gltf, holds the light within one step of 8 bits. */
+/* The values of the .png, times the factor in the .gltf, equal the light within one step of 8 bits. */
 TEST(viewers_get_the_same_light) {
     char text[16384];
     const char *extension;
@@ -151,7 +151,7 @@ TEST(the_scene_is_written_whole) {
     free(seen_again.values);
 }
 
-/* Overlapping charts give a warning, and overlap.png marks the shared texels. */
+/* Overlapping charts cause a warning, and overlap.png marks the shared texels. */
 TEST(overlaps_are_shown) {
     static float over[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.5f, 0.5f, 0.9f, 0.9f } };
     int width = 0, height = 0, channels, x, y, wrong = 0;
@@ -174,8 +174,7 @@ TEST(overlaps_are_shown) {
 
 /* ---- vertices and probes ---- */
 
-/* The floor has only four corners. Its light at vertices must be the best fit, which the test computes
-   independently. */
+/* The floor has only four corners. Its light at vertices equals the best fit, which the test computes independently. */
 TEST(vertices_fit_lamberts_light) {
     enum { HEAD = 1024, VERTEX = 36, CELLS = 200 };
     static unsigned char file[65536];
@@ -200,18 +199,18 @@ TEST(vertices_fit_lamberts_light) {
             strstr((const char *)file, "element face 4\n"), "the head is %.300s", (const char *)file);
     body = (const unsigned char *)end + strlen("end_header\n");
     REQUIRE(size == (size_t)(body - file) + 8 * VERTEX + 4 * 13, "the file has %d bytes", (int)size);
-    memcpy(v, body, sizeof v);  /* this machine is little-endian, or the test fails */
+    memcpy(v, body, sizeof v);  /* the test assumes a little-endian machine */
     for (body += 8 * VERTEX; faces < 4; faces++, body += 13) {
         uint32_t corner[3];
         memcpy(corner, body + 1, 12);
         CHECK(body[0] == 3 && corner[0] < 8 && corner[1] < 8 && corner[2] < 8 && (corner[0] < 4) == (corner[2] < 4),
               "face %d", faces);
     }
-    /* the two triangles of the floor, 0 1 2 and 0 2 3: least squares on a fine grid, by Gauss-Seidel */
+    /* least squares over the two triangles of the floor, 0 1 2 and 0 2 3, on a fine grid, by Gauss-Seidel */
     for (side = 0; side < 2; side++)
         for (y = 0; y < CELLS; y++)
             for (x = 0; x < CELLS; x++) {
-                const double s = (x + 0.5) / CELLS, t = (y + 0.5) / CELLS;  /* along x and z */
+                const double s = (x + 0.5) / CELLS, t = (y + 0.5) / CELLS;  /* position along x and z */
                 const double truth = truth_at(0.1 + 0.5 * s, 0.1 + 0.5 * t);
                 const double hat[2][4] = { { 1 - t, t - s, s, 0 }, { 1 - s, 0, t, s - t } };
                 if ((t > s) != (side == 0)) continue;
@@ -253,7 +252,7 @@ TEST(vertices_fit_lamberts_light) {
           ran.err);
 }
 
-static double basis(int i, const double d[3]) {  /* real, orthonormal */
+static double basis(int i, const double d[3]) {  /* Returns a real, orthonormal spherical harmonic. */
     const double x = d[0], y = d[1], z = d[2], pi = REF_PI;
     switch (i) {
         case 0: return sqrt(1 / (4 * pi));
@@ -268,8 +267,8 @@ static double basis(int i, const double d[3]) {  /* real, orthonormal */
     }
 }
 
-/* Probes under the lamp and beside it, compared with a numerical integral over the lamp. In this mode the floor gives
-   no light. */
+/* Probes below and beside the lamp are compared with a numerical integral over the lamp. In this mode the floor
+   reflects no light. */
 TEST(probes_hold_the_lamps_light) {
     static const double points[2][3] = { { 0.2, 1, 0.1 }, { -1, 1.5, 0.4 } };
     static char text[65536];
@@ -314,7 +313,7 @@ TEST(probes_hold_the_lamps_light) {
     REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "2x3x1", "--preset", "draft", "-o", "out.json",
                  "--quiet") == 0, "%s", ran.err);
     read_text(in_folder("out.json"), text, sizeof text, &lines);
-    /* bounds: -1.75 to 2.25, -0.5 to 2, -2 to 2 */
+    /* the bounds are -1.75 to 2.25, -0.5 to 2, -2 to 2 */
     for (i = 0, at = text; (at = strstr(at, "{\"position\": [")) != NULL; i++, at++) {
         double p[3] = { 0, 0, 0 };
         const double expected[3] = { -1.75 + 4 * (i % 2 + 0.5) / 2, -0.5 + 2.5 * (i / 2 + 0.5) / 3, 0 };
@@ -327,8 +326,8 @@ TEST(probes_hold_the_lamps_light) {
 
 /* ---- mistakes and failures ---- */
 
-/* Each texel of the floor shows the share of the sky that the lamp leaves; no surface is within 1. The light and the
-   stored light are those of a bake without --ao. */
+/* With --ao, each texel of the floor shows the share of the sky that the lamp does not cover, and no occlusion, because
+   no surface is closer than 1. The light and the stored light equal those of a bake without --ao. */
 TEST(occlusion_beside_the_light) {
     static const char *const names[2] = { "occluded/sky.png", "occluded/ao.png" };
     int file, x, y, wide, high, parts;
@@ -418,8 +417,8 @@ TEST(what_is_wrong_is_said) {
     CHECK(TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
-/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is
-   what its sources alone give. */
+/* --light-groups writes a map for the group of the lamp and one for the sky. Their sum equals the atlas, and each
+   equals a bake of its sources alone. */
 TEST(groups_have_maps) {
     picture atlas, lamp, sky, rest, alone;
     double off = 0, mean = 0, sky_off = 0;
@@ -461,7 +460,7 @@ TEST(groups_have_maps) {
                "1", "-o", "dim") == 0 && exists("dim/ao.png") && exists("dim/atlas_lamp.exr"), "%s", ran.err);
 }
 
-/* A lamp without red belongs to its group, too. */
+/* A lamp without red is in its group, too. */
 TEST(groups_of_green_lamps) {
     static char text[16384];
     picture lamp;
@@ -489,7 +488,8 @@ TEST(groups_of_green_lamps) {
 #define SKY "--mode", "direct", "--quiet", "--sky", "0.3,0.2,0.1"
 #define TWO "--light-groups", "above=sky,lamp=*"
 
-/* Reads the body of a .ply: `floats` for each of the 8 vertices of the room. Returns 0 if its head lacks the words. */
+/* Reads the content of a .ply: `floats` for each of the 8 vertices of the room. Returns 0 if its header lacks the
+   words. */
 static int read_vertices(const char *name, const char *words, int floats, float *out) {
     static char bytes[4096];
     FILE *in = fopen(in_folder(name), "rb");
@@ -504,8 +504,8 @@ static int read_vertices(const char *name, const char *words, int floats, float 
     return size == (size_t)(body - bytes) + 32 * (size_t)floats + 4 * 13;
 }
 
-/* Light at vertices has a group of the lamp, and one of the sky: in .ply and .gltf. They add up to the whole, and the
-   first is the light of a bake without the sky. */
+/* Light at vertices has a group for the lamp and one for the sky, in .ply and .gltf. Their sum equals the total, and
+   the first equals a bake without the sky. */
 TEST(groups_at_vertices) {
     enum { LAYERS = 3, VERTEX = 28 + 12 * LAYERS, MESH = 4 * VERTEX + 24 };  /* bytes in the .bin */
     float v[8][15], alone[8][9], seen[4][3];
@@ -541,7 +541,7 @@ TEST(groups_at_vertices) {
     if (in) fclose(in);
 }
 
-/* Reads numbers with brackets and commas between them. */
+/* Reads numbers that brackets and commas separate. */
 static void read_numbers(const char *at, double *out, int count) {
     for (; count > 0 && at; count--) {
         char *end;
@@ -552,7 +552,7 @@ static void read_numbers(const char *at, double *out, int count) {
     while (count-- > 0) *out++ = NAN;
 }
 
-/* Reads sh and cube of a probe from where words stand on; NAN if they are missing. */
+/* Reads sh and cube of a probe after these words; sets NAN if the words are missing. */
 static void read_light(const char *line, const char *words, double out[45]) {
     const char *sh = line ? strstr(line, words) : NULL, *cube;
     sh = sh ? strstr(sh, "\"sh\": ") : NULL;
@@ -592,7 +592,7 @@ TEST(groups_of_probes) {
     CHECK(apart_by < 0.02 * norm, "the lamp alone is off by %g of %g", apart_by, norm);
 }
 
-/* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
+/* --help has at most 40 short lines; --help all names every option of sbl_bake, and no other. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--map", "--gutter", "--directional",
         "--supersample", "--light-groups", "--target-error", "--error", "--vertices", "--average", "--formats", "--lit",
@@ -613,7 +613,7 @@ TEST(help_is_short_or_complete) {
     CHECK(!strstr(ran.out, "Other:") && !strstr(ran.out, "paper") && !strstr(ran.out, "PATH"), "%s", ran.out);
 }
 
-/* A warning names options that have no effect. */
+/* A warning names options without effect. */
 TEST(options_without_effect_are_named) {
     write_scene("room.gltf", apart, 1);
     CHECK(TOOL("room.gltf", "--mode", "direct", "--lightmap", "16", "-o", "idle", "--rays", "16", "--tile", "1",
@@ -625,7 +625,7 @@ TEST(options_without_effect_are_named) {
               ran.err_lines == 0, "%s", ran.err);
 }
 
-/* A full disk gives a message and leaves no incomplete file. */
+/* A full disk causes a message, and no incomplete file remains. */
 TEST(a_full_disk_is_said) {
     static const char *const arguments[] = { "room.gltf", DIRECT, "-o", "full", NULL };
     write_scene("room.gltf", apart, 1);
@@ -635,8 +635,8 @@ TEST(a_full_disk_is_said) {
     CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "an incomplete file is left");
 }
 
-/* Interrupted early, the tool works on for a moment. It writes what there is then, if anything, and says so; later, it
-   writes the light so far. */
+/* If it is interrupted early, the tool works on for a moment, then writes any light that exists, and says so. If it is
+   interrupted later, it writes the light computed so far. */
 TEST(interrupted) {
     static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o",
         "early", NULL };
@@ -662,7 +662,7 @@ TEST(interrupted) {
     free(light.values);
 }
 
-/* ---- a host draws the lightmap ---- */
+/* ---- drawing the lightmap in a host ---- */
 
 /* Seen from above, host_lightmap draws the light of the map on the floor; a pixel is as large as a texel. */
 TEST(a_host_draws_it) {
@@ -690,7 +690,7 @@ TEST(a_host_draws_it) {
     CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.4,3", "--look-at", "0.25,0.5,0", "--size", "60x40", "--sky",
                "1,1,1") == 0 && exists("out/frame_00.png") &&
           exists("out/frame_11.png"), "exit status %d: %s", ran.status, ran.err);
-    for (x = 0; x < 2; x++) {  /* the ball moves from left to right: its pixels were sky before */
+    for (x = 0; x < 2; x++) {  /* The ball moves from left to right, over pixels that showed the sky before. */
         int width = 0, height = 0, channels, column, from = x ? 30 : 0, balls = 0;
         unsigned char *png = stbi_load(in_folder(x ? "out/frame_11.png" : "out/frame_00.png"), &width, &height,
                                        &channels, 3);
@@ -713,7 +713,7 @@ TEST(a_host_draws_it) {
     tool_use("sbl_bake");
 }
 
-/* Writes a box whose emitting walls face inwards. Each wall is a quad, and a chart in a map of three by two cells. */
+/* Writes a box whose emitting walls face inwards. Each wall is a quad with a chart in a map of three by two cells. */
 static void write_closed_room(void) {
     static const char json[] =
         "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
@@ -734,7 +734,7 @@ static void write_closed_room(void) {
     unsigned indices[36];
     FILE *out;
     int i, k;
-    for (i = 0; i < 24; i++) {  /* wall i / 4 is the lower or upper one of axis wall / 2; its corners go around it */
+    for (i = 0; i < 24; i++) {  /* wall i / 4 is at the lower or upper end of axis wall / 2; its corners go around it */
         const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2,
             v = (i & 3) >= 2;
         for (k = 0; k < 3; k++) positions[i][k] = 0;
@@ -753,7 +753,7 @@ static void write_closed_room(void) {
     write_file("closed.gltf", json, strlen(json));
 }
 
-/* From outside, only the back sides of the walls would be visible, so host_lightmap must place its camera inside. */
+/* From outside, only the back faces of the walls would be visible, so host_lightmap must place its camera inside. */
 TEST(a_host_walks_inside) {
     unsigned char *png;
     int width = 0, height = 0, channels, i, dark = 0;

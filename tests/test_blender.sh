@@ -1,12 +1,12 @@
 #!/bin/sh
-# Tests of scripts/blender_addon.py in Blender, without a window: a box baked and rendered with the tools against
-# Blender's Cycles, cancelling, and messages. tests/support/blender_addon.py does the work.
+# Tests of scripts/blender_addon.py in Blender, without a window. A box that the tools bake and render is compared with
+# Blender's Cycles; other tests cover cancelling and messages. The tests are in tests/support/blender_addon.py.
 set -u
 export LC_ALL=C LIBGL_ALWAYS_SOFTWARE=1
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 
-# The Python of Debian's Blender finds NumPy only beside the system's own python3.
+# Blender of Debian finds NumPy only if it uses the system's python3.
 in_blender() {
     PATH=/usr/bin:/bin TMPDIR="$folder" blender --background --factory-startup -noaudio -t 1 --python-exit-code 1 \
         --python tests/support/blender_addon.py -- build "$folder" > "$folder/log.txt" 2>&1 ||

@@ -1,5 +1,5 @@
-/* Tests of bounced light (SBL_MODE_GI). They compare R with closed forms, with energy balances, with radiosity and with
-   a path tracer, check that walls keep light out, and check when the store is rebuilt. */
+/* Tests bounced light (SBL_MODE_GI). R is compared with closed forms, energy balances, radiosity and a path tracer. The
+   tests also check that walls block light, and when the store is rebuilt. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -13,10 +13,11 @@ static watch seen;
 static sbl_context *context;
 static sbl_site sites[MOST_SITES];
 static sbl_reading readings[MOST_SITES];
-static double areas[MOST_SITES];  /* the area that each site represents */
+static double areas[MOST_SITES];  /* area that each site represents */
 static int site_count;
 
-/* Sets the scene in the context that all tests share. samples: max_bounce_cells, 0 is the default. */
+/* Sets the scene in the context that all tests share. Returns 0 on failure. samples: max_bounce_cells; 0 is the
+   default */
 static int use_scene(const test_scene *s, int samples) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene = scene_desc(s);
@@ -36,8 +37,8 @@ static void add_site(double x, double y, double z, double nx, double ny, double 
     areas[site_count++] = area;
 }
 
-/* Adds n x n sites at the centres of the parts of a parallelogram, given by a corner and two edges. Their normal is
-   along u x v. */
+/* Adds n x n sites at the centres of the cells of a parallelogram. Their normal is along u x v. corner, u, v: a corner
+   and two edges of the parallelogram */
 static void add_sites(const double corner[3], const double u[3], const double v[3], int n) {
     double normal[3], area;
     int i, j, k;
@@ -51,7 +52,7 @@ static void add_sites(const double corner[3], const double u[3], const double v[
         }
 }
 
-/* Adds n x n sites on each face of a box, facing inwards. Each represents its share of the face's area. */
+/* Adds n x n sites on each face of a box, facing inwards. Each represents its share of the area of the face. */
 static void add_sites_in_box(double x0, double y0, double z0, double x1, double y1, double z1, int n) {
     const double low[3] = { x0, y0, z0 }, high[3] = { x1, y1, z1 };
     int axis, side, k;
@@ -75,7 +76,7 @@ static void scale_sites(float scale) {
     }
 }
 
-/* Returns the descriptor that measures R at all sites. */
+/* Returns a descriptor that measures R at all sites. */
 static sbl_readings_desc readings_of(sbl_mode mode, sbl_backend backend) {
     sbl_readings_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -87,7 +88,7 @@ static sbl_readings_desc readings_of(sbl_mode mode, sbl_backend backend) {
     return desc;
 }
 
-/* Measures R at all sites. */
+/* Measures R at all sites. Returns 0 on failure. */
 static int gather(sbl_mode mode, sbl_backend backend, int rays) {
     sbl_readings_desc desc = readings_of(mode, backend);
     sbl_result result;
@@ -99,7 +100,7 @@ static int gather(sbl_mode mode, sbl_backend backend, int rays) {
     return result == SBL_SUCCESS;
 }
 
-/* Area-weighted mean of R (mean_of) and its maximum (most_of) over sites from .. to - 1. */
+/* mean_of returns the area-weighted mean of R, and most_of its maximum, over the sites from `from` to to - 1. */
 static double mean_of(int from, int to, int channel) {
     double sum = 0, area = 0;
     int i;
@@ -114,12 +115,12 @@ static double most_of(int from, int to) {
     return most;
 }
 
-/* >>leaks */
+/* >>leaks of light */
 
 static const float scales[] = { 1e-2f, 1, 1e3f };
 static const int budgets[] = { 1024, 8192, 49152 };
 
-/* A room of 4 x 3 x 4 with a lamp below its ceiling. */
+/* Makes a room of 4 x 3 x 4 with a lamp below its ceiling. */
 static void lit_room(test_scene *s) {
     scene_box(s, scene_material(s, 0.7f, 0.6f, 0.5f), 0, 0, 0, 4, 3, 4);
     scene_quad(s, scene_lamp(s, 5, 5, 5), 0.7f, 2.9f, 0.8f, 1.7f, 2.9f, 0.8f, 1.7f, 2.9f, 1.8f, 0.7f, 2.9f, 1.8f);
@@ -135,7 +136,7 @@ static void box_of_slabs(test_scene *s, int material, float x0, float y0, float 
     scene_box(s, material, x0 - t, y0, z1, x1 + t, y1, z1 + t);
 }
 
-/* A box without its bottom: four sides and a top. */
+/* Adds a box without a bottom: four sides and a top. */
 static void box_without_bottom(test_scene *s, int material, float x0, float y0, float z0, float x1, float y1,
                                float z1) {
     scene_box(s, material, x0, y0, z0, x1, y1, z1);
@@ -143,7 +144,7 @@ static void box_without_bottom(test_scene *s, int material, float x0, float y0, 
     s->mesh_count--;
 }
 
-/* Turns the vertices of a mesh about the y axis, then translates them. */
+/* Rotates the vertices of a mesh about the y axis, then translates them. */
 static void turn_mesh(test_scene *s, sbl_mesh *m, double angle, float x, float y, float z) {
     const float *from = (const float *)m->positions.data, c = (float)cos(angle), d = (float)sin(angle);
     float *to = (float *)scene_alloc(s, sizeof *to * 3 * (size_t)m->vertex_count);
@@ -156,7 +157,7 @@ static void turn_mesh(test_scene *s, sbl_mesh *m, double angle, float x, float y
     m->positions.data = to;
 }
 
-/* Divides each triangle into four, `times` times. The mesh has no indices afterwards. */
+/* Divides each triangle of a mesh into four, `times` times. Afterwards the mesh has no indices. */
 static void divide_mesh(test_scene *s, sbl_mesh *m, int times) {
     for (; times > 0; times--) {
         const float *from = (const float *)m->positions.data;
@@ -195,7 +196,7 @@ static void leak_scene(test_scene *s, int kind) {
             break;
         case 2: box_of_slabs(s, grey, 1.53f, 0.51f, 1.37f, 2.12f, 1.1f, 2.03f, 0.04f); break;
         case 3: box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f); break;
-        case 4:  /* a turned box of small triangles */
+        case 4:  /* a rotated box of small triangles */
             box_without_bottom(s, grey, -0.3f, 0, -0.2f, 0.3f, 0.6f, 0.2f);
             for (i = s->mesh_count - 5; i < s->mesh_count; i++) {
                 turn_mesh(s, &s->meshes[i], 0.5, 2, 0, 1.7f);
@@ -223,7 +224,7 @@ static void leak_scene(test_scene *s, int kind) {
     }
 }
 
-/* Adds sites on the floor, the ceiling, a wall and the plane x + z = 3.9, where x + z is larger. */
+/* Adds sites on the floor, the ceiling, a wall and the plane x + z = 3.9, on the side where x + z is larger. */
 static void add_sites_behind_slanted_wall(int n) {
     int i, j;
     for (i = 0; i < n; i++)
@@ -245,8 +246,8 @@ static void leak_sites(int kind, int n) {
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
-/* Closed boxes and rooms in a lit room stay dark: R inside is below 1e-4 of the room's, with up to three numbers
-   of cells, and at three scales with the smallest number. */
+/* Closed boxes and rooms in a lit room stay dark: R inside is below 1e-4 of R in the room. This is tested with up to
+   three numbers of cells, and at three scales with the smallest number. */
 TEST(walls_keep_light_out) {
     static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor",
         "a turned box", "two rooms", "two rooms askew",
@@ -259,7 +260,7 @@ TEST(walls_keep_light_out) {
                 int inside;
                 double lit, dark;
                 if (i != 1 && (kind == 1 || (j > 0 && kind != 3))) continue;
-                if (j == 2 && kind % 3) continue;  /* these take two seconds each */
+                if (j == 2 && kind % 3) continue;  /* skips cases that take two seconds each */
                 if (i != 1 && !test_kind_is("plain")) continue;
                 leak_scene(&s, kind);
                 scene_scale_and_move(&s, scales[i], 0, 0, 0);
@@ -287,8 +288,8 @@ TEST(walls_keep_light_out) {
             }
 }
 
-/* A wall between two rooms, one a thousand times brighter than the other. R on each side must be the same as when the
-   other side has no light. Point lights are used, because their light has no noise. */
+/* A wall separates two rooms, one of which is a thousand times brighter. R on each side equals R when the other side
+   has no light. The lights are point lights, because these have no noise. */
 TEST(two_sides_of_a_wall) {
     double worst = 0;
     int i, j, k;
@@ -334,9 +335,9 @@ TEST(two_sides_of_a_wall) {
 }
 
 /* >>furnaces: in a closed scene where all surfaces emit E and reflect rho, R is E / (1 - rho) everywhere. With a few
-   hundred lamps, one sensor has a noise of a few percent; the mean over many sensors has none. */
+   hundred lamps, one sensor has a noise of a few percent, which the mean over many sensors averages out. */
 
-/* Returns the largest error of all readings and channels, where R must be 1. *mean gets the error of the mean. */
+/* Returns the largest error over all readings and channels, where R must be 1. mean: receives the error of the mean */
 static double off_one(double *mean) {
     double worst = 0, sum = 0;
     int i, k;
@@ -358,14 +359,14 @@ static double rms_off_one(void) {
     return sqrt(sum / site_count);
 }
 
-/* A material that reflects rho and emits 1 - rho, so that R is 1. */
+/* Adds a material that reflects rho and emits 1 - rho, so that R is 1. Returns its index. */
 static int furnace_material(test_scene *s, float rho) {
     const int m = scene_lamp(s, 1 - rho, 1 - rho, 1 - rho);
     s->materials[m].albedo[0] = s->materials[m].albedo[1] = s->materials[m].albedo[2] = rho;
     return m;
 }
 
-/* Adds sites with random positions and normals inside a ball about the origin. */
+/* Adds sites with random positions and normals inside a ball around the origin. */
 static void add_sites_anywhere(double radius, int count) {
     uint32_t hash = 1;
     while (count > 0) {
@@ -403,7 +404,7 @@ static void check_furnace_picture(double rho, int kind) {
     free(final);
 }
 
-/* Boxes and spheres of four albedos have R = 1 everywhere, gathered and in pictures. */
+/* Boxes and spheres of four albedos have R = 1 everywhere, in readings and in pictures. */
 TEST(furnaces) {
     static const float albedos[] = { 0.2f, 0.5f, 0.8f, 0.95f };
     int kind, i, raster;
@@ -434,8 +435,8 @@ TEST(furnaces) {
             }
 }
 
-/* A furnace of 2 across stands on a ground of up to 3,000, in a black box of 6,000, or both. Nearly all
-   surface is outside; cells must be small enough for what is inside, although nothing there has a share of the area. */
+/* A furnace of size 2 stands on a ground of up to 3,000, in a black box of 6,000, or both. Nearly all surface area is
+   outside of it, but cells must still be small enough for its inside. */
 TEST(a_furnace_in_a_large_scene) {
     static const float grounds[] = { 100, 1000, 3000, 0, 100, 0 }, boxes[] = { 0, 0, 0, 6000, 6000, 60000 };
     int i, k;
@@ -449,7 +450,7 @@ TEST(a_furnace_in_a_large_scene) {
         if (half > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -half, -half, -half, half, half, half);
         site_count = 0;
         add_sites_anywhere(0.9, 100);
-        for (k = 0; k < site_count; k++) sites[k].offset = -1;  /* the usual offset is a share of the whole scene */
+        for (k = 0; k < site_count; k++) sites[k].offset = -1;  /* the default offset grows with the scene */
         if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 512)) {
             worst = off_one(&mean);
             printf("  ground of %g, box of %g: mean off by %.2g, rms %.2g, worst %.2g; %d cells\n", (double)grounds[i],
@@ -465,7 +466,7 @@ TEST(a_furnace_in_a_large_scene) {
     }
 }
 
-/* A furnace under a sky of 1: surfaces of any shape, each of which emits what it does not reflect, have R = 1. */
+/* Under a sky of radiance 1, surfaces of any shape that emit what they do not reflect have R = 1. */
 TEST(furnace_under_the_sky) {
     test_scene s = { 0 };
     double mean, worst;
@@ -498,8 +499,8 @@ TEST(furnace_under_the_sky) {
     scene_free(&s);
 }
 
-/* An albedo of 1 in a closed scene would make the light infinite. Bounced light uses 0.98 at most, and there is a
-   warning. */
+/* An albedo of 1 in a closed scene would make the light infinite. Bounced light uses at most 0.98, and a warning says
+   so. */
 TEST(albedo_of_one) {
     test_scene s = { 0 };
     int m = furnace_material(&s, 0.98f), i;
@@ -549,7 +550,7 @@ static double flux_scene(test_scene *s, int kind) {
     return 4 * 4 * pi;
 }
 
-/* For each kind of light and several albedos, the absorbed flux equals the emitted one within 1 %. */
+/* For each kind of light and several albedos, the absorbed flux equals the emitted flux within 1 %. */
 TEST(light_is_neither_made_nor_lost) {
     static const double rho[3] = { 0.3, 0.6, 0.85 };
     int kind, k, i;
@@ -588,7 +589,8 @@ static double chance(uint32_t *state) {
     return (test_hash(*state) + 0.5) / 4294967296.0;
 }
 
-/* Adds the light along one random path that starts at a random point of a face. Faces are numbered 2 * axis + side. */
+/* Adds the light along a random path that starts at a random point of a face. Faces have the indices 2 * axis +
+   side. */
 static void follow_path(int face, uint32_t *state, double light[3]) {
     double at[3], share[3] = { 1, 1, 1 };
     int k, bounce;
@@ -649,7 +651,7 @@ TEST(a_cube_by_paths) {
 
 /* >>textures, vertex colours, cutouts */
 
-/* A cube of edge 1 with a lamp in its middle. The caller adds the wall at x = 0. */
+/* Makes a cube of edge 1 with a lamp in its middle. The caller adds the wall at x = 0. */
 static void room_but_a_wall(test_scene *s) {
     scene_box(s, scene_material(s, 0.6f, 0.6f, 0.6f), 0, 0, 0, 1, 1, 1);
     s->meshes[0] = s->meshes[--s->mesh_count];
@@ -660,7 +662,7 @@ static void quarter_of_a_wall(test_scene *s, int material, float y0, float y1, f
     scene_quad(s, material, 0, y0, z0, 0, y0, z1, 0, y1, z1, 0, y1, z0);
 }
 
-/* Measures sites on the floor near each half of the wall. means[half][channel] is the mean of R. */
+/* Measures sites on the floor near each half of the wall. means[half][channel] receives the mean of R. */
 static int read_halves(const test_scene *s, double means[2][3]) {
     int i, k;
     site_count = 0;
@@ -683,8 +685,8 @@ static void check_halves(const char *what, const test_scene *s, double wanted[2]
     printf("  %s: off by %.2g at most\n", what, worst);
 }
 
-/* A wall that is half red and half blue, made by a texture, by vertex colours and by a cut-out. Each must give the
-   light of two walls of plain colours. */
+/* A wall that is half red and half blue, by a texture, by vertex colours or by a cut-out, gives the light of two walls
+   of plain colours. */
 TEST(colours_of_a_wall) {
     enum { WIDE = 128 };
     static const float red[3] = { 0.8f, 0.1f, 0.1f }, blue[3] = { 0.1f, 0.1f, 0.8f };
@@ -725,7 +727,7 @@ TEST(colours_of_a_wall) {
             }
             m = scene_mesh(&s, scene_material(&s, 1, 1, 1), eight, NULL, NULL, 8, indices, 12);
             m->colors.data = scene_copy(&s, colors[0], 32);
-        } else {  /* a red wall with a hole, before a blue wall */
+        } else {  /* a red wall with a hole, in front of a blue wall */
             for (i = 0; i < WIDE; i++) {
                 memcpy(pixels[i], red, sizeof red);
                 pixels[i][3] = i < WIDE / 2 ? 1.0f : 0;
@@ -765,7 +767,7 @@ TEST(furnace_of_a_texture) {
     scene_free(&s);
 }
 
-/* >>keeping the store */
+/* >>keeping and rebuilding the store */
 
 enum { WIDTH = 20, HEIGHT = 15, PIXELS = WIDTH * HEIGHT };
 
@@ -782,7 +784,7 @@ static void reuse_scene(test_scene *s) {
     scene_box(s, scene_material(s, 0.2f, 0.7f, 0.3f), 1.5f, 0, 1.3f, 2.1f, 0.8f, 2);
 }
 
-/* Renders a picture in a new context; the caller frees it. If moved >= 0, that mesh is first moved by 0.3 along x. */
+/* Renders a picture in a new context; the caller frees it. moved: if >= 0, this mesh is first moved by 0.3 along x */
 static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, int moved, sbl_stats *stats) {
     static watch quiet;
     const sbl_context_desc desc = watch_desc(&quiet);
@@ -806,7 +808,7 @@ static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, i
     return picture;
 }
 
-/* Renders with the shared context and checks that the picture is that of a new context, to the bit. Returns the
+/* Renders with the shared context and checks that the picture equals that of a new context, to the bit. Returns the
    difference from *last, which is replaced. */
 static double check_fresh(const char *what, const test_scene *s, int number, int moved, float **last) {
     const sbl_picture_desc view = reuse_view(number);
@@ -828,7 +830,7 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     free(fresh);
     free(*last);
     *last = mine;
-    if (number) {  /* the store exists already */
+    if (number) {  /* the store already exists */
         CHECK(own.sensors.readbacks < stats.sensors.readbacks,
               "%s: %d readbacks in a new context, but %d with the store", what,
               own.sensors.readbacks, stats.sensors.readbacks);
@@ -840,8 +842,8 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     return off / sum;
 }
 
-/* The store is kept while only the camera changes and rebuilt when the scene changes; pictures equal those of new
-   contexts. */
+/* The store is kept while only the camera changes, and is rebuilt when the scene changes. All pictures equal those of
+   new contexts. */
 TEST(the_store_is_kept_and_renewed) {
     const float transform[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0, 0, 1 };
     test_scene s = { 0 };
@@ -863,13 +865,13 @@ TEST(the_store_is_kept_and_renewed) {
     scene_free(&s);
 }
 
-/* >>a trench that is narrower than the cells, under the sky; compared with radiosity in its cross-section */
+/* >>a trench under the sky that is narrower than the cells, compared with radiosity in its cross-section */
 
-enum { STRIPS = 120 };  /* per side: left wall, floor, right wall */
+enum { STRIPS = 120 };  /* strips on each side: left wall, floor, right wall */
 
 static double apart(const double a[2], const double b[2]) { return hypot(a[0] - b[0], a[1] - b[1]); }
 
-/* End points of strip i of a trench of width 1 and depth 1, counted from its left rim downwards. */
+/* Computes the end points of strip i of a trench of width 1 and depth 1, counted from its left rim downwards. */
 static void strip_of(int i, double from[2], double to[2]) {
     const double a = i % STRIPS / (double)STRIPS, b = (i % STRIPS + 1) / (double)STRIPS;
     const int side = i / STRIPS;
@@ -879,8 +881,8 @@ static void strip_of(int i, double from[2], double to[2]) {
     to[1] = side == 0 ? -b : side == 1 ? -1 : b - 1;
 }
 
-/* R along the inside of the trench, which reflects rho, under a sky of 1. Form factors by crossed strings (Hottel
-   1954). */
+/* Computes R along the inside of the trench, which reflects rho, under a sky of 1. Form factors are by crossed strings
+   (Hottel 1954). */
 static void trench_by_radiosity(double rho, double r[3 * STRIPS]) {
     static double factor[3 * STRIPS][3 * STRIPS];
     const double rim[2][2] = { { 0, 0 }, { 1, 0 } };
@@ -916,7 +918,7 @@ TEST(a_trench_narrower_than_cells) {
     scene_quad(&s, m, 0, -1, -w, 1, -1, -w, 1, -1, w, 0, -1, w);
     scene_quad(&s, m, 0, -1, -w, 0, -1, w, 0, 0, w, 0, 0, -w);
     scene_quad(&s, m, 1, -1, -w, 1, 0, -w, 1, 0, w, 1, -1, w);
-    scene_quad(&s, m, -60, -4, -60, 60, -4, -60, 60, -4, 60, -60, -4, 60);  /* a large scene makes the cells large */
+    scene_quad(&s, m, -60, -4, -60, 60, -4, -60, 60, -4, 60, -60, -4, 60);  /* a large scene has large cells */
     scene_sky(&s, 1, 1, 1);
     trench_by_radiosity(0.8, expected);
     site_count = 0;
@@ -941,7 +943,7 @@ TEST(a_trench_narrower_than_cells) {
     scene_free(&s);
 }
 
-/* >>black plates close above bright ground, among cells that are wider than the gap */
+/* >>black plates close above bright ground, over cells that are wider than the gap */
 
 /* Returns the form factor at the origin, towards +y, of a rectangle at height h, from x0, z0 to x1, z1. */
 static double seen_rectangle(double h, double x0, double z0, double x1, double z1) {
@@ -955,7 +957,7 @@ static double seen_rectangle(double h, double x0, double z0, double x1, double z
 }
 
 /* Makes the ground, which reflects 0.8, and a plate at height h. Larger ground below makes the cells large. Then adds
-   sites at the underside of the plate. */
+   sites on the underside of the plate. */
 static void plate_above_ground(test_scene *s, float half, float h, float ground, float below) {
     int i;
     scene_quad(s, scene_material(s, 0.8f, 0.8f, 0.8f), -ground, 0, -ground, -ground, 0, ground, ground, 0, ground,
@@ -967,8 +969,8 @@ static void plate_above_ground(test_scene *s, float half, float h, float ground,
         add_site(0.3 * (double)half * (i % 3 - 1), (double)h, 0.3 * (double)half * (i / 3 - 1), 0, -1, 0, 1);
 }
 
-/* Near the middle of a plate, rays find ground to which the plate leaves little of the sky, although the cell has the
-   light of the whole sky. R is the mean of the ground's light over directions of a cosine distribution. */
+/* Near the middle of a plate, rays find ground that receives little of the sky, although its cell stores the light of
+   the complete sky. R is the mean of the light of the ground over a cosine distribution of directions. */
 TEST(near_hits_find_their_own_light) {
     enum { RINGS = 100, TURNS = 64 };
     const double half = 0.3, h = 0.05, ground = 6;
@@ -996,7 +998,7 @@ TEST(near_hits_find_their_own_light) {
     scene_free(&s);
 }
 
-/* R that lamps of the kinds below give the ground at x, z. The sun's shade ends at x = shade. */
+/* Returns R that lamps of these kinds give the ground at x, z. The shadow of the sun ends at x = shade. */
 enum { NEAR_SUN, NEAR_POINT, NEAR_SPOT, NEAR_TRIANGLES, NEAR_SUN_AND_SPOT, NEAR_LAMPS };
 
 static double ground_by(int lamp, double x, double z, double shade) {
@@ -1008,8 +1010,8 @@ static double ground_by(int lamp, double x, double z, double shade) {
     return (lamp == NEAR_TRIANGLES ? cosine : 1) * cosine / away2;
 }
 
-/* A black wall stands on ground of albedo 0.5. The light of a lamp changes much within a cell of the ground: a shade
-   keeps the sun from the foot of the wall, or another lamp is near. Sites on the wall are close above the ground. */
+/* A black wall stands on ground of albedo 0.5. The light of a lamp varies strongly within a cell of the ground, because
+   a shadow covers the foot of the wall or another lamp is near. Sites on the wall are close above the ground. */
 TEST(lamps_light_near_hits) {
     enum { STEPS = 1000 };
     static const float shade = 0.05f, height = 0.03f;
@@ -1058,8 +1060,8 @@ TEST(lamps_light_near_hits) {
     }
 }
 
-/* A plate hides the sun from the ground below it. Walls see the lit parts of the cells there, but only from afar. The
-   light that they find does not reach the plate. */
+/* A plate blocks the sun from the ground below it. Walls see the lit parts of the same cells, but only from afar. The
+   light that these find does not reach the plate. */
 TEST(far_light_is_not_near_light) {
     test_scene s = { 0 };
     int i;
@@ -1080,8 +1082,8 @@ TEST(far_light_is_not_near_light) {
     scene_free(&s);
 }
 
-/* A pleated sheet of one mesh, with steep pleats narrower than the cells. A sun lights every second pleat; R on the
-   others must stay near 0, although each cell contains pleats of both kinds. Reads the store by a view from above. */
+/* A pleated sheet is a mesh with steep pleats that are narrower than the cells. A sun lights every second pleat. R on
+   the others stays near 0, although each cell contains pleats of both kinds. The store is read in a view from above. */
 TEST(a_pleated_sheet) {
     enum { PLEATS = 20 };
     static float corners[18 * PLEATS];
@@ -1098,7 +1100,7 @@ TEST(a_pleated_sheet) {
             p[1] = (i + right) % 2 ? 0.0483f : 0;  /* slopes of 44 degrees */
             p[2] = away ? 0.25f : -0.25f;
         }
-    /* a large scene makes the cells large */
+    /* a large scene has large cells */
     scene_quad(&s, scene_material(&s, 0, 0, 0), -2, -1, -2, 2, -1, -2, 2, -1, 2, -2, -1, 2);
     scene_mesh(&s, scene_material(&s, 0.001f, 0.001f, 0.001f), corners, NULL, NULL, 6 * PLEATS, NULL, 6 * PLEATS);
     light = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 1, 1, 1);  /* 42 degrees above the horizon */
@@ -1126,8 +1128,8 @@ TEST(a_pleated_sheet) {
     scene_free(&s);
 }
 
-/* A furnace with more surfaces than the store can hold in cells of the initial size. Surfaces that are found last get
-   larger cells. R must still be 1. */
+/* A furnace has more surfaces than the store can hold in cells of the initial size, so that the surfaces found last get
+   larger cells. R is still 1. */
 TEST(a_crowd_of_boxes) {
     test_scene s = { 0 };
     double mean, worst;
@@ -1153,7 +1155,7 @@ TEST(a_crowd_of_boxes) {
 enum { SHELVES = 700 };
 static float shelf_corners[SHELVES][18];
 
-/* Makes horizontal squares above each other, in eight stacks, as one mesh. */
+/* Makes horizontal squares one above the other, in eight stacks, as one mesh. */
 static void shelves(test_scene *s, int material) {
     int i, k;
     for (i = 0; i < SHELVES; i++)
@@ -1169,8 +1171,8 @@ static void shelves(test_scene *s, int material) {
     scene_mesh(s, material, shelf_corners[0], NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
 }
 
-/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
-   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
+/* A furnace has more sides of triangles than the store can hold in cells of any size. Building the store ends, and no
+   side stays dark. Many shelves share a few measurements, so R is only about 1. */
 TEST(more_sides_than_samples) {
     test_scene s = { 0 };
     int i, k;
@@ -1192,8 +1194,8 @@ TEST(more_sides_than_samples) {
 
 static int give_up(float done, void *calls) { (void)done; return ++*(int *)calls > 1000; }
 
-/* Each shelf is a mesh of its own. Surfaces of different meshes share no cells, so that larger cells do not help; the
-   store must be built nevertheless. */
+/* Each shelf is a mesh of its own. Surfaces of different meshes share no cells, so larger cells do not help, but the
+   store is built nevertheless. */
 TEST(more_meshes_than_samples) {
     static sbl_mesh meshes[SHELVES];
     test_scene s = { 0 };
@@ -1223,8 +1225,8 @@ TEST(more_meshes_than_samples) {
     scene_free(&s);
 }
 
-/* Ground that no other surface sees must still have light for sites in the air. A square of ground under the sun, seen
-   from above its middle, compared with the form factor of a square. */
+/* Ground that no other surface sees has light for sites in the air. A square of ground in the sun, seen from above its
+   middle, is compared with the form factor of a square. */
 TEST(ground_that_no_surface_sees) {
     static const float sizes[] = { 1, 30 };  /* edges of the ground; the site is 1 above it */
     int i;
@@ -1234,7 +1236,7 @@ TEST(ground_that_no_surface_sees) {
         const float w = sizes[i];
         double expected = 0.5 * 3 / TEST_PI * seen_share;
         scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -w, -1, -w, -w, -1, w, w, -1, w, w, -1, -w);
-        if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* a box far away whose sides see the ground */
+        if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* a distant box whose sides see the ground */
         scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
         site_count = 0;
         add_site(0, 0, 0, 0, -1, 0, 1);
@@ -1248,12 +1250,13 @@ TEST(ground_that_no_surface_sees) {
     }
 }
 
-/* >>things that a host draws */
+/* >>geometry that the host draws */
 
 /* light: the ambient cube that the last draw callback received */
 static struct drawn { GLuint program; float albedo, emission, light[6][3]; int views; } drawn;
 
-/* Draw callback: draws a cube of half edge 0.3 about the origin, which reflects the ambient cube it receives. */
+/* A draw callback that draws a cube of half edge 0.3 around the origin, which reflects the ambient cube that it
+   receives. */
 static void draw_box(const sbl_draw_view *view, void *user) {
     static const char vertex[] =
         "uniform vec4 column[4];\n"
@@ -1355,7 +1358,7 @@ TEST(drawn_things_are_told_their_light) {
     printf("  %d views; received %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
     CHECK(drawn.views > 54 && least > 0.99 && most < 1.01, "%d views receive %g to %g", drawn.views, least, most);
     CHECK(mean < 0.005 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
-    drawn.emission = 0;  /* a dark cube must change R, which shows that it is drawn at all */
+    drawn.emission = 0;  /* a dark cube changes R, which shows that it is drawn at all */
     REQUIRE(gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     off_one(&mean);
     CHECK(mean > 0.01, "a dark cube changes R by only %g", mean);
@@ -1380,7 +1383,7 @@ TEST(drawn_things_are_told_their_light) {
           (double)drawn.light[3][0]);
     {
         const float before =
-            /* a saved store includes this light; but a store of things drawn elsewhere must be refused */
+            /* a saved store includes this light; a store with geometry drawn elsewhere is refused */
             drawn.light[2][2];
         REQUIRE(
             sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
@@ -1401,8 +1404,8 @@ TEST(drawn_things_are_told_their_light) {
     scene_free(&s);
 }
 
-/* Rasterised light is proportional to the lamp's emission over 18 orders of magnitude, although views have texels of 16
-   bits. */
+/* Rasterised light is proportional to the emission of the lamp over 18 orders of magnitude, although the texels of
+   views have 16 bits per channel. */
 TEST(light_of_any_strength) {
     static const float strengths[] = { 1, 1e-9f, 1e9f };
     double first = 0;
@@ -1427,7 +1430,7 @@ TEST(light_of_any_strength) {
     }
 }
 
-/* >>all front ends measure the same */
+/* >>agreement of the front ends */
 
 static int inspect_all(int *same) {
     int i, shown = 0;
@@ -1500,8 +1503,8 @@ TEST(gather_inspection_and_picture_agree) {
 
 /* >>bright places */
 
-/* Makes a small patch that a spot lights from below, and a black ground, which gets light from the patch alone. A black
-   plate hides a part of the patch from some of the sites on the ground. */
+/* Makes a small patch that a spot lights from below, and a black ground, which receives light only from the patch. A
+   black plate hides part of the patch from some sites on the ground. */
 static void patch_above_ground(test_scene *s, float half) {
     sbl_light *spot = scene_light(s, SBL_LIGHT_SPOT, 50, 50, 50);
     const int black = scene_material(s, 0, 0, 0);
@@ -1516,7 +1519,7 @@ static void patch_above_ground(test_scene *s, float half) {
     for (i = 0; i < 8; i++) add_site(i < 4 ? 0.04 * i - 0.04 : 0.4 * i - 1.4, 0, 0.1 * i, 0, 1, 0, 1);
 }
 
-/* R on the ground, from the patch of that scene */
+/* Returns R on the ground from the patch of patch_above_ground. */
 static double light_of_patch(double half, const float site[3]) {
     enum { STEPS = 400 };
     double sum = 0;
@@ -1525,7 +1528,7 @@ static double light_of_patch(double half, const float site[3]) {
         const double x = half * (2 * (i % STEPS + 0.5) / STEPS - 1), z = half * (2 * (i / STEPS + 0.5) / STEPS - 1);
         const double to_spot2 = x * x + z * z + 1, dx = x - (double)site[0], dz = z - (double)site[2];
         const double radiance = 0.8 * 50 / TEST_PI / (to_spot2 * sqrt(to_spot2)), d2 = dx * dx + dz * dz + 4;
-        if ((double)site[0] + 0.45 * dx < 0) continue;  /* where the way to the patch passes the height of the plate */
+        if ((double)site[0] + 0.45 * dx < 0) continue;  /* the line to the patch passes the plate */
         sum += radiance * 4 / (TEST_PI * d2 * d2) * (4 * half * half / (STEPS * STEPS));
     }
     return sum;
@@ -1541,7 +1544,7 @@ static double worst_below_patch(double half) {
     return worst / light_of_patch(half, sites[4].position);
 }
 
-/* Few rays find a small bright place by chance, so it must be a lamp. A store that was saved knows it, too. */
+/* Few rays find a small bright place by chance, so it must be a lamp. A saved store knows it, too. */
 TEST(a_small_bright_place) {
     static const double halves[] = { 0.02, 0.1, 0.3 };
     static sbl_reading first[MOST_SITES];
@@ -1572,9 +1575,9 @@ TEST(a_small_bright_place) {
     }
 }
 
-/* Sensors face grey ground from a height of 0.02. Where a ray hits the ground this near, the ray continues with further
-   segments instead of reading the store. The ground gets all its light from a glow, which lies behind the sensors, so
-   that only the further segments can find the glow. */
+/* Sensors face grey ground from a height of 0.02. Where a ray hits ground this near, it continues with further segments
+   instead of reading the store. The ground receives light only from a glow behind the sensors, so that only the further
+   segments can find the glow. */
 TEST(near_hits_find_glows) {
     const double half = 0.3;
     double sum = 0, expected = 0;
@@ -1597,8 +1600,8 @@ TEST(near_hits_find_glows) {
     scene_free(&s);
 }
 
-/* A lamp lights a floor under a black sky. The floor is far brighter than the mean of what rays find, because most rays
-   hit nothing. The floor must not become a glow: the light that it reflects is weak beside the light of the lamp. */
+/* A lamp lights a floor under a black sky. The floor is far brighter than the mean of the light that rays find, because
+   most rays hit nothing. It must not become a glow, because its reflected light is weak compared with the lamp. */
 TEST(a_lit_floor_is_no_glow) {
     test_scene s = { 0 };
     const int white = scene_material(&s, 0.8f, 0.8f, 0.8f), lamp = scene_lamp(&s, 20, 20, 20);
@@ -1612,8 +1615,8 @@ TEST(a_lit_floor_is_no_glow) {
     scene_free(&s);
 }
 
-/* R that the floor at y = 0 gives a site above it, by quadrature. A spotlight at (lamp, 1, 0) lights a disc, of which
-   the site sees what is not behind a plate at x = 0 that begins at y = edge. */
+/* Returns R that the floor at y = 0 gives a site above it, by quadrature. A spotlight at (lamp, 1, 0) lights a disc. A
+   plate at x = 0 that begins at y = edge hides part of the disc from the site. */
 static double light_below_an_edge(const float site[3], double lamp, double edge) {
     enum { STEPS = 300 };
     const double limit = cos(TEST_PI / 6), side = 1.2;
@@ -1631,8 +1634,8 @@ static double light_below_an_edge(const float site[3], double lamp, double edge)
     return sum * side * side / (TEST_PI * STEPS * STEPS);
 }
 
-/* A spotlight lights a disc of the floor. Sites under the ceiling see the disc in part, below the edge of a black
-   plate. The visible part of a leaf is not like the rest of it, so leaves must be narrow where the light varies. */
+/* A spotlight lights a disc of the floor. Sites under the ceiling see part of the disc below the edge of a black plate.
+   The visible part of a leaf differs from the rest of it, so leaves must be narrow where the light varies. */
 TEST(leaves_are_divided_where_light_varies) {
     enum { SIDES = 8 };
     const double edge = 1.2, lamp = 0.65;
@@ -1664,8 +1667,8 @@ TEST(leaves_are_divided_where_light_varies) {
     scene_free(&s);
 }
 
-/* R on the floor below a ceiling of albedo 0.9, which a light `gap` below it shines on: the sum over rings of the
-   ceiling. The light stands at x = z = 0, points up, has intensity PI and a cone of 160 degrees. */
+/* Returns R on the floor below a ceiling of albedo 0.9, which a light `gap` below it illuminates, as a sum over rings
+   of the ceiling. The light is at x = z = 0, points up, and has the intensity PI and a cone of 160 degrees. */
 static double light_of_a_ceiling(const float p[3], double height, double gap) {
     enum { RINGS = 4000, SECTORS = 64 };
     const double widest = gap * tan(80 * TEST_PI / 180), x = hypot((double)p[0], (double)p[2]);
@@ -1683,9 +1686,9 @@ static double light_of_a_ceiling(const float p[3], double height, double gap) {
     return sum;
 }
 
-/* A ceiling lit from close below. Its bright spot is no wider than a few cells, so few points cannot tell its light.
-   Leaves there have more than four points, and those beyond the fourth lie where rays from afar hit. The mean over
-   sites on the floor is compared with the closed form for several sizes of the store. */
+/* A light close below the ceiling makes a bright spot that is no wider than a few cells, so that few points cannot
+   measure it. Leaves there have more than four points, and those beyond the fourth are where distant rays hit. The mean
+   over sites on the floor is compared with the closed form for several sizes of the store. */
 TEST(bright_leaves_get_more_points) {
     enum { SIDES = 8, STORES = 8 };
     const double height = 6, gap = 0.25;

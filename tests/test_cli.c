@@ -1,5 +1,5 @@
-/* Tests of the command line tool build/sbl_render, which they run as a user would. They create all input files, so that
-   the correct output is known. */
+/* Tests the command line tool build/sbl_render as a user runs it. The tests create all input files, so that the correct
+   output is known. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -23,7 +23,8 @@ static int encode_srgb(double x) {
     return (int)(255 * (v > 1 ? 1 : v) + 0.5);
 }
 
-/* Value of component k of a texel of the 4 x 4 test texture. All texels differ, so that flips and turns show. */
+/* Returns component k of a texel of the 4 x 4 test texture. All texels differ, so that flips and rotations are
+   noticed. */
 static int texel(int x, int y, int k) {
     return k == 3 ? 17 * (4 * y + x) : k == 0 ? 60 + 50 * x : k == 1 ? 250 - 60 * y : 40 + 12 * (4 * y + x);
 }
@@ -34,7 +35,7 @@ static void make_texels(unsigned char *out, int channels) {
             for (k = 0; k < channels; k++) *out++ = (unsigned char)texel(x, y, k);
 }
 
-/* >>scenes: a wall of 4 x 4 cells seen from the front, in a picture of 16 x 16, so that each cell covers 4 x 4
+/* >>scenes: a wall of 4 x 4 cells, seen from the front in a picture of 16 x 16, so that each cell covers 4 x 4
    pixels */
 
 #define WALL_CAMERA "--eye", "0,0,1", "--look-at", "0,0,0", "--fov", "90"
@@ -55,7 +56,7 @@ static void wall_obj(void) {
     make_texels(rgba, 4);
     for (i = 0; i < 16; i++) mask[i] = (unsigned char)((i ^ i >> 2) & 1 ? 255 : 0);           /* a checkerboard */
     for (y = 0; y < 8; y++)
-        /* its lower left half */
+        /* the lower left half */
         for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);
     mkdir(in_folder("sub"), 0777);
     stbi_write_png(in_folder("rgb.png"), 4, 4, 3, rgb, 12);
@@ -141,8 +142,8 @@ TEST(obj_materials_and_textures) {
     free(final.values);
 }
 
-/* The wall as glTF, with a camera of 90 degrees. Materials are not used in the order of the file, and two have no
-   name. */
+/* The wall as glTF, with a camera of 90 degrees. The order of the materials differs from the order of their use, and
+   two have no name. */
 enum { GLTF_CELLS = 16 };
 static const char *const gltf_materials[GLTF_CELLS] = {
     "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.2,0.4,0.6,1]}",
@@ -210,7 +211,7 @@ static void wall_gltf(const char *name, int binary) {
                  "0.01}}],\"nodes\":[",
                  GLTF_CELLS);
     for (i = 0; i < GLTF_CELLS; i++) {
-        /* Nodes 14 and 15 reuse meshes 12 and 0. Node 14 is a parent that translates; its child, with mesh 12,
+        /* Nodes 14 and 15 use meshes 12 and 0 again. Node 14 is a parent that translates; its child, with mesh 12,
            scales. */
         if (i == 14) n += sprintf(json + n, "{\"translation\":[0,-0.75,0],\"children\":[%d]},", GLTF_CELLS + 1);
         else n += sprintf(json + n, "{\"mesh\":%d,\"translation\":[%g,%g,0]},", i == 15 ? 0 : i, -1 + 0.5 * (i % 4),
@@ -264,7 +265,7 @@ static double ke_glb(int x, int y, int k) { return ke(x, y, k); }
 static double ke_strong(int x, int y, int k) { return 100 * ke(x, y, k); }
 static double ke_tex_glb(int x, int y, int k) { return (k ? 4 : 2) * tex(x, y, k); }
 static double alpha_quarter(int x, int y, int k) { return texel(x, y, 3) >= 64 ? tex(x, y, k) : 0; }
-static double vertex_colors(int x, int y, int k) {  /* two triangles, lower right and upper left of the diagonal */
+static double vertex_colors(int x, int y, int k) {  /* two triangles, below and above the diagonal */
     double u = (x + 0.5) / 4, v = 1 - (y + 0.5) / 4;
     if (k == 2) return 0;
     return k == 0 ? (u > v ? u : u) : v;
@@ -299,7 +300,7 @@ static void check_gltf(const char *scene) {
     check_cell(&albedo, 11, vertex_colors, 0.004, "COLOR_0 in an opaque material");
     check_cell(&final, 12, one, 0.002, "emission without strength");
     check_cell(&albedo, 15, kd, 0.002, "a second instance of a mesh");
-    for (y = 0; y < 4; y++)  /* translated by its parent and half as large: columns 8 and 9, rows 14 and 15 */
+    for (y = 0; y < 4; y++)  /* translated by its parent and scaled to half: columns 8 and 9, rows 14 and 15 */
         for (x = 0; x < 4; x++)
             for (k = 0; k < 3; k++) lit += fabs(at(&final, 8 + x, 12 + y, k) - (x < 2 && y >= 2)) < 0.002;
     CHECK(lit == 48, "a mesh instance with a parent: %d values of 48 are right", lit);
@@ -310,7 +311,7 @@ static void check_gltf(const char *scene) {
 TEST(gltf_materials_and_camera) { wall_gltf("wall.gltf", 0); check_gltf("wall.gltf"); }
 TEST(glb_materials_and_camera) { wall_gltf("wall.glb", 1); check_gltf("wall.glb"); }
 
-/* Every instance of a mesh has an id of its own. */
+/* Every instance of a mesh has its own id. */
 TEST(ids_are_of_uses_of_meshes) {
     picture id;
     int cell, other;
@@ -320,7 +321,7 @@ TEST(ids_are_of_uses_of_meshes) {
     id = read_pfm("id.pfm");
     REQUIRE(id.values, "the picture is not there");
     for (cell = 0; cell < 16; cell++) {
-        if (cell == 9 || cell == 14) continue;  /* cell 9 is cut out, and cell 14 is not filled */
+        if (cell == 9 || cell == 14) continue;  /* cell 9 is cut out, and cell 14 is only partly filled */
         CHECK(at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) > 0, "cell %d has no id", cell);
         for (other = 0; other < cell; other++)
             CHECK(other == 9 || other == 14 ||
@@ -333,8 +334,8 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
-/* A camera that Blender has put into a new file, and that stands inside the model, is not used: a note says so. Any
-   other camera in the same place is. */
+/* A camera that is where Blender puts the camera of a new file, inside the model, is not used, and a note says so. Any
+   other camera at the same place is used. */
 TEST(blenders_first_camera_is_not_used_inside) {
     static const char *const eyes[3] = { "7.48113,5.34367,6.50764", "0.735889,0.495831,0.692579", "7.48,5.34,6.7" };
     char text[2048];
@@ -356,7 +357,7 @@ TEST(blenders_first_camera_is_not_used_inside) {
     }
 }
 
-/* Options give the same picture as an equal camera in the file, and override the file's camera. */
+/* Options give the same picture as an equal camera in the file, and override the camera of the file. */
 TEST(options_override_the_files_camera) {
     picture a, b;
     wall_gltf("wall.glb", 1);
@@ -381,8 +382,8 @@ TEST(options_override_the_files_camera) {
           "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     REQUIRE(a.values, "the picture is not there");
-    /* The camera is rolled by a quarter turn: up is +x, so the right side is -y; the half height that is seen is
-       tan(22.5 degrees). */
+    /* The camera is rolled by a quarter turn: up is +x, so the right side is -y. Half of the visible height is tan(22.5
+       degrees). */
     CHECK(fabs(at(&a, 1, 1, 0) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4 &&
           fabs(at(&a, 1, 1, 1) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4,
           "rolled camera: pixel 1 1 shows %g %g", at(&a, 1, 1, 0), at(&a, 1, 1, 1));
@@ -404,7 +405,7 @@ static void check_framed(const char *size, int width, int height) {
           "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
     free(id.values);
 }
-/* Without a camera the whole scene is seen, and fills the picture. */
+/* Without a camera in the file, the complete scene is visible and fills the picture. */
 TEST(without_a_camera_the_scene_is_framed) {
     int i;
     char text[2048] = "";
@@ -421,7 +422,7 @@ TEST(without_a_camera_the_scene_is_framed) {
 
 enum { ALL_SIDES = 63, WITHOUT_X = ALL_SIDES & ~1, WITHOUT_TOP = ALL_SIDES & ~4 };
 
-/* Appends a box to an .obj text. sides: bits for +x -x +y -y +z -z. Its faces look outward, or inward. */
+/* Adds a box to the text of an .obj. sides: bits for +x -x +y -y +z -z. inward: 1 if the faces look inward */
 static void add_box(char *text, const double low[3], const double high[3], int sides, int inward) {
     static const int faces[6][4] = { { 1, 3, 7, 5 }, { 0, 4, 6, 2 }, { 2, 6, 7, 3 }, { 0, 1, 5, 4 }, { 4, 5, 7, 6 },
         { 0, 2, 3, 1 } };
@@ -449,7 +450,7 @@ static void write_boxes(const char *name, int sides, int inward, int thick, cons
     write_text(name, text);
 }
 
-/* A white box, and nothing else. */
+/* Writes a scene with only a white box. */
 static void white_obj(void) {
     write_text("white.mtl", "newmtl white\nKd .8 .8 .8\n");
     write_boxes("white.obj", ALL_SIDES, 0, 0, "mtllib white.mtl\nusemtl white\n");
@@ -462,8 +463,8 @@ static double luminance(const picture *p, int x, int y) {
 
 #define STUDIO_SHOT "--size", "48x36", "--bounce-samples", "4096"
 
-/* A white box without any light stands on a ground that is darker than its lit front and gets its shadow. The file's
-   ids stay as they are, and the ground has the next one. */
+/* A white box without any light gets a studio: the ground is darker than the lit front of the box and receives its
+   shadow. The ids of the file stay unchanged, and the ground has the next id. */
 TEST(a_file_without_light_gets_a_studio) {
     picture final, id;
     int x, y, boxes = 0, grounds = 0, others = 0, black = 0, clipped = 0;
@@ -500,8 +501,8 @@ TEST(a_file_without_light_gets_a_studio) {
     free(id.values);
 }
 
-/* The edge of the ground against the sky is not seen. The ground does not have to fill the picture: from a low eye, far
-   away, the edge is in its lower half. */
+/* The edge of the ground is invisible against the sky, even if the ground does not fill the picture: for a low, distant
+   eye, the edge is in the lower half of the picture. */
 TEST(the_edge_of_the_ground_is_not_seen) {
     picture final, id;
     int y, edge = -1;
@@ -524,8 +525,8 @@ TEST(the_edge_of_the_ground_is_not_seen) {
     free(id.values);
 }
 
-/* Options choose: --sky, --mode paper and lights in the file need no studio; --studio replaces lights; a ground of the
-   file is not doubled; a room gets a lamp inside. */
+/* A file gets no studio with --sky, with --mode paper, or if it has lights; --studio replaces lights; a file with its
+   own ground gets no second one; a room gets a lamp inside. */
 TEST(who_gets_a_studio) {
     char floor_text[256];
     white_obj();
@@ -550,8 +551,8 @@ TEST(who_gets_a_studio) {
           ran.err);
 }
 
-/* The camera that is chosen stands inside of rooms, in front of their open side, or in front of objects; --verbose says
-   which. An object seen from outside does not touch the border of the picture; a room fills all of it. */
+/* The chosen camera is inside rooms, in front of their open side, or in front of objects, and --verbose says which. An
+   object seen from outside does not touch the border of the picture; a room fills the complete picture. */
 TEST(the_camera_tells_rooms_from_objects) {
     static const struct { const char *name; int sides, inward, thick; const char *camera; } scenes[] = {
         { "closed.obj", ALL_SIDES, 1, 0, "camera: inside a room" },
@@ -580,8 +581,8 @@ TEST(the_camera_tells_rooms_from_objects) {
     }
 }
 
-/* Walls that are modelled with two sides look like an object from outside. With a lamp inside, the outside is dark, and
-   the camera stands inside. */
+/* Walls modelled with two sides look like an object from outside. With a lamp inside, the outside is dark, and the
+   camera is placed inside. */
 TEST(a_lit_room_with_thick_walls_is_looked_at_from_inside) {
     write_text("lamp.mtl", "newmtl lamp\nKd 0 0 0\nKe 9 9 9\nnewmtl white\nKd .8 .8 .8\n");
     write_boxes("thick.obj", ALL_SIDES, 0, 1, "mtllib lamp.mtl\nusemtl lamp\nv 2 2.5 1\nv 3 2.5 1\nv 3 2.5 2\n"
@@ -590,7 +591,7 @@ TEST(a_lit_room_with_thick_walls_is_looked_at_from_inside) {
     CHECK(ran.status == 0 && said("camera: inside a room"), "exit status %d: %s", ran.status, ran.err);
 }
 
-/* Our own Cornell box, with no option but the size, is seen through its open side. */
+/* The Cornell box of the repository, rendered without options except the size, is seen through its open side. */
 TEST(the_cornell_box_is_seen_from_its_open_side) {
     char scene[4096];
     picture final;
@@ -609,8 +610,9 @@ TEST(the_cornell_box_is_seen_from_its_open_side) {
 
 /* >>outputs */
 
-/* A room with one lamp over a floor before a wall. The .obj file also has numbers without a zero before the point. */
-/* A .png holds the values of the .pfm, with exposure and sRGB encoding applied. */
+/* A room with one lamp over a floor, in front of a wall. The .obj file also has numbers without a zero before the
+   point. */
+/* A .png holds the values of the .pfm with exposure and sRGB encoding applied. */
 TEST(png_is_the_encoded_pfm) {
     picture p;
     unsigned char *png;
@@ -635,7 +637,7 @@ TEST(png_is_the_encoded_pfm) {
     free(p.values);
 }
 
-/* Eight channels can be written as .pfm and .png, and none is of one colour. */
+/* Eight channels can be written as .pfm and .png, and none has only one colour. */
 TEST(every_channel_is_written) {
     static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
         "sensors" };
@@ -663,7 +665,7 @@ TEST(every_channel_is_written) {
     }
 }
 
-/* A build with OpenEXR writes .exr; one without says so in one line. */
+/* A build with OpenEXR writes .exr; a build without it refuses in one line. */
 TEST(exr_is_written_or_refused) {
     unsigned char head[4] = { 0 };
     FILE *in;
@@ -681,7 +683,7 @@ TEST(exr_is_written_or_refused) {
     CHECK(head[0] == 0x76 && head[1] == 0x2f && head[2] == 0x31 && head[3] == 0x01, "the file is no OpenEXR");
 }
 
-/* Returns the four numbers of a box2i attribute of an OpenEXR file; 0: the attribute is missing. */
+/* Reads the four numbers of a box2i attribute of an OpenEXR file. Returns 0 if it is missing. */
 static int exr_box(const char *name, const char *attribute, int32_t box[4]) {
     unsigned char head[4096];
     FILE *in = fopen(in_folder(name), "rb");
@@ -700,7 +702,8 @@ static int exr_box(const char *name, const char *attribute, int32_t box[4]) {
     return 0;
 }
 
-/* Windows show what the whole picture shows, with the exposure and the mean of the whole; .exr tells their places. */
+/* Windows equal the same areas of the full picture, with its exposure and its mean; .exr files record their
+   positions. */
 TEST(windows_are_parts_of_the_picture) {
     static const struct { const char *option; int x, y; } parts[3] = { { "--window=0,0,9,7", 0, 0 },
         { "--window=9,4,9,7", 9, 4 }, { "--window=15,9,9,7", 15, 9 } };
@@ -805,7 +808,7 @@ TEST(statistics_have_every_field) {
     CHECK(!parts_left(), "%d temporary files are left", leftovers);
 }
 
-/* --backend trace casts the given number of rays per sensor; invalid combinations give exit status 2. */
+/* --backend trace casts the given number of rays per sensor; invalid combinations of options give exit status 2. */
 TEST(rays_can_be_traced) {
     char text[8192];
     int lines;
@@ -846,8 +849,8 @@ TEST(light_bounces_by_default) {
     free(direct.values);
 }
 
-/* --store writes the bounced light to a file and loads it in the next run, which gives the same picture to the bit. The
-   file of another scene is replaced, with a warning. */
+/* --store writes the bounced light to a file, and the next run loads it and gives the same picture to the bit. Other
+   modes refuse --store, and it must not name the output file. */
 TEST(bounced_light_is_kept) {
     picture made, loaded;
     char text[8192];
@@ -874,7 +877,7 @@ TEST(bounced_light_is_kept) {
           ran.err);
 }
 
-/* Two files have the same bytes. */
+/* Returns 1 if two files have the same bytes. */
 static int same_bytes(const char *a, const char *b) {
     FILE *in[2];
     int x = 0, y = 0;
@@ -886,7 +889,7 @@ static int same_bytes(const char *a, const char *b) {
     return in[0] && in[1] && x == y;
 }
 
-/* Writes bytes of light.sbl to another file. */
+/* Copies the first bytes of light.sbl to another file. */
 static void copy_store(const char *name, size_t bytes) {
     static char data[1 << 20];
     FILE *in = fopen(in_folder("light.sbl"), "rb");
@@ -900,8 +903,8 @@ static void copy_store(const char *name, size_t bytes) {
     CHECK(TOOL(RED_ROOM, "-o", "refused.pfm", __VA_ARGS__) == 1 && ran.err_lines == 1 && said(words) && \
           !exists("refused.pfm"), "%s: exit status %d: %s", words, ran.status, ran.err)
 
-/* A file of --store with other light is refused before the work, or replaced with --store-replace. A file that is no
-   stored light is never replaced. */
+/* A file of --store with other light is refused before the work, or replaced with --store-replace. A file that does not
+   hold stored light is never replaced. */
 TEST(stores_are_not_overwritten) {
     static const char *const not_files[] = { "store.pipe", "/dev/zero", "/dev/null", "/dev/stdout", "sub" };
     const char *data = "not light";
@@ -936,7 +939,7 @@ TEST(stores_are_not_overwritten) {
           ran.status, ran.err);
 }
 
-/* A channel that shows surfaces alone needs no stored light, unless --store asks for it. */
+/* A channel that shows only surfaces needs no stored light, unless --store asks for it. */
 TEST(surfaces_need_no_light) {
     char text[8192];
     int i, lines;
@@ -950,8 +953,8 @@ TEST(surfaces_need_no_light) {
     }
 }
 
-/* A store in a folder where no file can be created is loaded, but not replaced. The folder's path is so long that a
-   temporary file would have too long a name; unlike a folder without write permission, it also stops root. */
+/* A store in a folder where no file can be created is loaded, but not replaced. The path of the folder is so long that
+   the name of a temporary file would be too long. Unlike a missing write permission, this also stops root. */
 TEST(stores_in_closed_folders) {
     char path[PATH_MAX], whole[PATH_MAX], data[4096];
     size_t length, bytes;
@@ -959,7 +962,7 @@ TEST(stores_in_closed_folders) {
     room_obj();
     remove(in_folder("light.sbl"));
     REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0 && realpath(in_folder("."), path), "%s", ran.err);
-    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves space for a name of 8 to 22 characters */
+    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves 20 characters: enough for l.sbl, too few for 24 */
         size_t more = PATH_MAX - 22 - length;
         if (more > 200) more = more > 300 ? 200 : 100;
         memset(path + length, 'd', more);
@@ -979,8 +982,7 @@ TEST(stores_in_closed_folders) {
           "exit status %d: %s", ran.status, ran.err);
 }
 
-/* A store that was made with fewer cells than are allowed now is used with a warning, or made anew with
-   --store-replace. */
+/* A store with fewer cells than are now allowed is used with a warning, or rebuilt with --store-replace. */
 TEST(coarse_stores) {
     char text[8192];
     int i, lines;
@@ -1000,8 +1002,8 @@ TEST(coarse_stores) {
     }
 }
 
-/* The old store stays when its replacement fails: by a signal just before it, or because the disk is full. Files that
-   another program has written meanwhile stay, too. */
+/* The old store remains when its replacement fails, because of a signal just before it or a full disk. Files that
+   another program has written meanwhile remain, too. */
 TEST(stores_are_never_lost) {
     static const char *const arguments[] = { RED_ROOM, "--store", "light.sbl", "--store-replace", "--stats",
         "stats.pipe", "-o", "made.pfm", NULL };
@@ -1015,7 +1017,7 @@ TEST(stores_are_never_lost) {
     CHECK(ran.status == 1 && said("light.sbl: cannot be written: File too large") && !parts_left() &&
           same_bytes("light.sbl", "old.sbl"), "a full disk: exit status %d: %s", ran.status, ran.err);
     mkfifo(in_folder("stats.pipe"), 0666);
-    for (i = 0; i < 2; i++) {  /* the statistics, which are written after the picture and before the store, wait here */
+    for (i = 0; i < 2; i++) {  /* the tool waits at the statistics, after the picture and before the store */
         char text[4096];
         pid_t child;
         int wait;
@@ -1036,8 +1038,8 @@ TEST(stores_are_never_lost) {
     CHECK(same_bytes("light.sbl", "old.sbl"), "what another program has written is replaced");
 }
 
-/* The sums that --inspect prints agree: the weights sum to 1, R is the sum of the sheet and the lamps. The light of the
-   single lamp has the lamp's colour. */
+/* The sums that --inspect prints agree: the weights add up to 1, and R is the sum of the sheet and the lamps. The light
+   of the only lamp has the colour of the lamp. */
 static void inspect_with(const char *backend, const char *seen) {
     double sum[3], r[3], lamps[3], weights;
     const char *line;
@@ -1069,7 +1071,7 @@ static void inspect_with(const char *backend, const char *seen) {
     CHECK(strstr(ran.out, seen), "no %s: %s", seen, ran.out);
 }
 
-/* --inspect prints a sensor for both back ends, and refuses pixels outside of the picture. */
+/* --inspect prints a sensor with both back ends, and refuses pixels outside of the picture. */
 TEST(a_sensor_can_be_inspected) {
     room_obj();
     inspect_with("trace", " 32 rays\n");
@@ -1111,8 +1113,8 @@ TEST(zero_is_zero) {
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
-/* --facet-limit 0 keeps the normals of the file. The scene is a wall of triangles smaller than a pixel, whose normals
-   lean, so that the default limit replaces them by the facets' normals. */
+/* --facet-limit 0 keeps the normals of the file. The scene is a wall of triangles smaller than a pixel with tilted
+   normals, so that the default limit replaces them by facet normals. */
 TEST(facet_limit_zero_is_zero) {
     char text[16384] = "vn 1 0.5 0\n";
     picture usual, none;
@@ -1143,7 +1145,7 @@ TEST(facet_limit_zero_is_zero) {
     free(none.values);
 }
 
-/* Former names of options still work and mean the same. */
+/* Former names of options still work. */
 TEST(old_names_of_options) {
     static const char *const names[2] = { "--target-error", "--error" }, *const cells[2] = { "--max-bounce-cells=1500",
                                                                                             "--bounce-samples=1500" };
@@ -1169,21 +1171,22 @@ TEST(old_names_of_options) {
           "--help all does not show both names in one line");
 }
 
-/* >>lights: compares R of every pixel with the closed form at the pixel's position. EXACT: one sensor per pixel, no
-   filter. */
+/* >>lights: R of every pixel is compared with the closed form at the position of the pixel. EXACT: one sensor per
+   pixel, no filter */
 
 #define EXACT "--mode", "direct", "--tile", "1", "--filter-radius", "0", "--size", "48x36", "--quiet", "--samples", "1"
 
 static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* R per unit of intensity of a point light at (x, y, z), at the point p of the ground (y is up): cos / (pi d^2). */
+/* Returns R per unit of intensity of a point light at (x, y, z), at the point p of the ground (y is up): cos / (pi
+   d^2). */
 static double lamp_at(double x, double y, double z, const double p[3]) {
     double d2 = (x - p[0]) * (x - p[0]) + (y - p[1]) * (y - p[1]) + (z - p[2]) * (z - p[2]);
     return (y - p[1]) / sqrt(d2) / (acos(-1.0) * d2);
 }
 
-/* The same for a spot light: full intensity inside of the inner angle, none outside of the outer one. Both angles are
-   measured from the axis, in radians. */
+/* The same for a spot light, which has full intensity inside the inner angle and none outside the outer angle. Both
+   angles are measured from the axis, in radians. */
 static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer,
                       const double p[3]) {
     const double to[3] = { p[0] - x, p[1] - y, p[2] - z };
@@ -1192,8 +1195,7 @@ static double spot_at(double x, double y, double z, const double axis[3], double
     return share * share * lamp_at(x, y, z, p);
 }
 
-/* Returns whether the segment from p to p + way meets the box of scenes/lights.gltf, enlarged by `more` on all
-   sides. */
+/* Returns 1 if the segment from p to p + way hits the box of scenes/lights.gltf, enlarged by `more` on all sides. */
 static int meets_box(const double p[3], const double way[3], double more) {
     const double low[3] = { -0.5 - more, 0 - more, -0.5 - more }, high[3] = { 0.5 + more, 1 + more, 0.5 + more };
     double from = 0, to = 1;
@@ -1206,7 +1208,7 @@ static int meets_box(const double p[3], const double way[3], double more) {
     return from < to;
 }
 
-/* Renders positions and R of a scene, seen from the camera of its file or from above. */
+/* Renders positions and R of a scene, seen from the camera of its file or from above. Returns 0 on failure. */
 static int shoot(const char *scene, int own_camera, picture *position, picture *radiance) {
     int i;
     for (i = 0; i < 2; i++) {
@@ -1241,7 +1243,7 @@ static void check_ground(const picture *position, const picture *radiance,
             expected(p, r);
             for (k = 0; k < 3; k++) {
                 double value = at(radiance, x, y, k);
-                if (r[k] != r[k]) continue;  /* at a shadow's edge */
+                if (r[k] != r[k]) continue;  /* at the edge of a shadow */
                 pixels++;
                 lit += r[k] > 0.01;
                 if (!(fabs(value - r[k]) <= 0.002 * r[k] + 1e-5) && bad++ < 3)
@@ -1265,7 +1267,7 @@ static void three_primaries(const double p[3], double r[3]) {
         else if (meets_box(p, to[k], 0.01)) r[k] = NAN;
     }
 }
-/* Point, spot and sun of a glTF scene give the closed forms of their light and shadows. */
+/* Point, spot and sun of a glTF scene have the closed forms of their light and shadows. */
 TEST(lights_of_a_gltf_scene) {
     picture position, radiance;
     char scene[4096];
@@ -1279,7 +1281,7 @@ TEST(lights_of_a_gltf_scene) {
 
 static const char *generator = "test_cli";  /* asset.generator of the next file */
 
-/* Writes a scene: ground of 8 by 8, the given lights, and the given nodes that use them, numbered from 1. */
+/* Writes a scene with a ground of 8 by 8, the given lights, and the given nodes that use them, numbered from 1. */
 static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
     static char json[8192];
     const float corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
@@ -1322,7 +1324,7 @@ static void four_lamps(const double p[3], double r[3]) {
         r[k] = (8 >> k) * (lamp_at(1, 1, 0, p) + lamp_at(-2, 2, 1, p) + lamp_at(0, 1.5, -2, p)) + 3 *
             lamp_at(2, 1, 2, p);
 }
-/* A glTF light that three nodes use shines three times. */
+/* A glTF light that three nodes use shines at all three. */
 TEST(a_light_of_many_nodes) {
     lamps_gltf("{\"type\":\"point\",\"intensity\":8,\"color\":[1,0.5,0.25],\"range\":1.5},{\"type\":\"point\","
                "\"intensity\":3}", 3,
@@ -1341,7 +1343,7 @@ static void three_spots(const double p[3], double r[3]) {
     r[2] = 10 * spot_at(0, 1, 1, down, 0, acos(-1.0) / 2, p);
     for (k = 0; k < 3; k++) r[k] += 0.001;
 }
-/* Spots shine along their node's -z, whatever its scale. A weak directional light through two parents is added. */
+/* Spots shine along -z of their node, whatever its scale. A weak directional light is moved by two parents. */
 TEST(spots_of_gltf) {
     char lights[1024];
     snprintf(lights, sizeof lights, "{\"type\":\"spot\",\"intensity\":10,\"color\":[1,0,0],\"spot\":{}},"
@@ -1349,7 +1351,8 @@ TEST(spots_of_gltf) {
                  "\"outerConeAngle\":0.6}},"
              "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,0,1],\"spot\":{\"outerConeAngle\":1.5707963267948966}},"
              "{\"type\":\"directional\",\"intensity\":%.9g}", 0.001 * acos(-1.0));
-    /* Down is a rotation by -90 degrees about x. Aslant is -90 about y, which turns -z to +x, then -45 about z. */
+    /* One node is rotated by -90 degrees about x, to point down. Another is rotated by -90 degrees about y, which turns
+       -z to +x, and then by -45 degrees about z. */
     lamps_gltf(lights, 3, ",{\"translation\":[0,2,0],\"rotation\":[-0.70710678,0,0,0.70710678]," LIGHT(0) "},"
                "{\"translation\":[0,1,1],\"rotation\":[-0.70710678,0,0,0.70710678],\"scale\":[3,3,0.01]," LIGHT(2) "},"
                "{\"translation\":[-2,2,0],\"rotation\":[0,0,-0.38268343,0.92387953],\"scale\":[2,2,2],\"children\":[4]"
@@ -1400,7 +1403,7 @@ TEST(lights_of_other_formats) {
 }
 
 static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
-/* Each broken light gives one warning and is ignored. */
+/* Each broken light causes one warning and is ignored. */
 TEST(broken_lights_are_left_out) {
     static const char *const bad[][2] = {
         { "{\"type\":\"point\",\"intensity\":-1}", "intensity" },
@@ -1442,8 +1445,8 @@ TEST(broken_lights_are_left_out) {
     check_lamps("lamps.gltf", 1, one_lamp, "a spot that shines everywhere");
 }
 
-/* Renders a sun and a point light, each alone, straight above the ground of lamps.gltf. Returns R below the light.
-   option, value: added to the command line, or NULL */
+/* Renders a sun or a point light alone, straight above the ground of lamps.gltf. Returns R below the light. option,
+   value: added to the command line, or NULL */
 static double r_below(int point, double intensity, const char *option, const char *value) {
     char lights[128];
     picture p;
@@ -1460,8 +1463,8 @@ static double r_below(int point, double intensity, const char *option, const cha
     return r;
 }
 
-/* Lights of Blender's exporter get the unit of emission: a sun of strength 1 has the irradiance 1, a point light of
-   P watts the intensity P / (4 pi). --light-scale replaces this. */
+/* Lights of the exporter of Blender are converted to the unit of emission: a sun of strength 1 has the irradiance 1,
+   and a point light of P watts has the intensity P / (4 pi). --light-scale replaces this conversion. */
 TEST(units_of_blender) {
     static const double pi = 3.14159265358979, no = 0;
     static const struct { const char *generator; int point; double intensity, expected; const char *note; } cases[] = {
@@ -1492,9 +1495,10 @@ TEST(units_of_blender) {
     generator = "test_cli";
 }
 
-/* >>what is read as something simpler */
+/* >>warnings about unsupported material and scene features */
 
-/* Writes a scene: a square for each of the materials, which are separated by bars. more: other members of the file. */
+/* Writes squares.gltf with one square per material. materials: the JSON bodies of the materials, separated by '|'.
+   more: further top-level glTF members, as JSON */
 static void materials_gltf(const char *materials, const char *more) {
     static char json[16384];
     const float corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
@@ -1535,7 +1539,7 @@ static void materials_gltf(const char *materials, const char *more) {
 
 #define ONE_BOUNCE "--size", "16x16", SMALL, "--preset", "draft", "--sky", "1,1,1", "--store", "matte.sbl"
 
-/* Checks that the last run gave exactly these warnings, each on a line, in this order. */
+/* Checks that the last run printed exactly these warnings, each on a line, in this order. */
 static void check_warnings(const char *scene, const char *const *lines, int count) {
     const char *at_line = ran.err;
     char line[512];
@@ -1550,8 +1554,9 @@ static void check_warnings(const char *scene, const char *const *lines, int coun
     }
 }
 
-/* Each kind of substitution gives one warning with a count. A matte file gives none, nor does --quiet. Metal and gloss
-   are named with --materials matte, what is special about them without. */
+/* Each kind of simplification causes one warning with a count. A matte file causes none, and neither does any file with
+   --quiet. With --materials matte, the warnings name metal and gloss; without it, they name unsupported details of
+   these. */
 TEST(substitutions_are_named) {
     static const char *const gltf_lines[] = {
         "metal is read as a matte surface of its base colour (2 materials)",
@@ -1614,7 +1619,7 @@ TEST(substitutions_are_named) {
     lines[0] = "texture grey.png is grey, so it is no normal map; its material is shown without it";
     for (i = 1; i < 4; i++) lines[i] = gltf_lines[i + 1];  /* without metal and gloss */
     lines[i++] = "strength and colour of reflections (KHR_materials_specular) are ignored (2 materials)";
-    lines[i++] = gloss_lines[0];                           /* of two panes, one is thick */
+    lines[i++] = gloss_lines[0];                           /* one of two panes is thick */
     for (; i < 12; i++) lines[i] = gltf_lines[i + 3];      /* without transmission, blending and textures of metal */
     TOOL("squares.gltf", SQUARES);
     check_warnings("squares.gltf", lines, 12);
@@ -1639,8 +1644,8 @@ TEST(substitutions_are_named) {
     check_warnings("lamps.dae", area_line, 1);
 }
 
-/* A scene with --materials matte gives the bits of a scene that is matte, and both have the same stored light, which is
-   not that of --materials file. */
+/* A scene with --materials matte equals the same scene with matte materials to the bit. Both have the same stored
+   light, which differs from that of --materials file. */
 TEST(materials_can_be_matte) {
     static const char obj[] = "mtllib m.mtl\nusemtl m\nv -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nf 1 2 3 4\n";
     static const char *const mtl[2] = { "newmtl m\nKd .5 .6 .7\nKs 1 1 1\nNs 98\nillum 2\n",
@@ -1654,7 +1659,7 @@ TEST(materials_can_be_matte) {
         const char *scene = kind ? "matte.obj" : "squares.gltf";
         write_file("matte.obj", obj, sizeof obj - 1);
         remove(in_folder("matte.sbl"));
-        for (i = 1; i >= 0; i--) {  /* matte.pfm is of the matte scene, glossy.pfm of the other */
+        for (i = 1; i >= 0; i--) {  /* matte.pfm is from the matte scene, glossy.pfm from the other */
             write_file("m.mtl", mtl[i], strlen(mtl[i]));
             materials_gltf(gltf[i], "\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]");
             CHECK(TOOL(scene, ONE_BOUNCE, "--materials", "matte", "-o", i ? "matte.pfm" : "glossy.pfm") == 0, "%s: %s",
@@ -1667,8 +1672,8 @@ TEST(materials_can_be_matte) {
 }
 
 /* A wall shows the normals of its texture, in which red points to the right and green to the top of the picture: in
-   OBJ, whose texture coordinates begin at the bottom, and in glTF. With --materials matte, it has the bits of a wall
-   without a texture. */
+   OBJ, whose texture coordinates begin at the bottom, and in glTF. With --materials matte, it equals a wall without the
+   texture, to the bit. */
 TEST(normal_maps_are_shown) {
     static const char obj[] = "mtllib n.mtl\nusemtl n\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
         "vt 0 1\nf 1/1 2/2 3/3 4/4\n";
@@ -1716,11 +1721,11 @@ TEST(normal_maps_are_shown) {
     }
 }
 
-/* >>a target error that was not reached */
+/* >>a missed target error */
 
 #define RASTER "--mode", "direct", "--backend", "raster", "--sensor-size", "8"
 
-/* A picture that misses its target error says so in one line, with what helps; others do not. */
+/* If a picture misses its target error, one line says so and what helps. Other pictures print no such line. */
 TEST(a_missed_target_is_said) {
     room_obj();
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
@@ -1743,9 +1748,9 @@ TEST(a_missed_target_is_said) {
 
 #define LIGHTS "--size", "128x96", "--max-bounce-cells", "49152", "-o", "lights.pfm"
 
-/* The tool advises a smaller target error if stored light alone causes most of the error that was asked. A run with the
-   advised target must reach the error that was asked at first. The test reads the error of stored light from one run
-   and asks for 1.15 times that error in the next. */
+/* If stored light alone causes most of the requested error, the tool advises a smaller target error. A run with the
+   advised target reaches the error that was requested first. The test reads the error of stored light from one run and
+   requests 1.15 times that error in the next. */
 TEST(advice_on_a_missed_target_helps) {
     char scene[4096], asked[16], expected[80], advised[16] = "", text[8192];
     const char *advice;
@@ -1770,13 +1775,13 @@ TEST(advice_on_a_missed_target_helps) {
 
 /* >>sky pictures */
 
-/* A wall that faces +x, in the open, without any ground. */
+/* Writes a wall that faces +x in the open, without any ground. */
 static void lone_wall(void) {
     write_text("lone.mtl", "newmtl grey\nKd .5 .5 .5\n");
     write_text("lone.obj", "mtllib lone.mtl\nusemtl grey\nv 0 -1 1\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nf 1 2 3 4\n");
 }
 
-/* Returns the mean R of the wall in component k. *deviation is the largest difference of a pixel from the mean. */
+/* Returns the mean R of the wall in component k. deviation: receives the largest difference of a pixel from the mean */
 static double wall_mean(int k, double *deviation) {
     picture p = read_pfm("sky.pfm");
     double sum = 0;
@@ -1798,7 +1803,7 @@ static void check_sky(double expected, double tolerance, const char *what) {
           mean, deviation, expected, ran.err);
 }
 
-/* Writes a sky of 64 x 32 texels, which has the given colour where bright() returns 1 and is black elsewhere. */
+/* Writes a sky of 64 x 32 texels that has the given colour where bright() returns 1, and is black elsewhere. */
 static void write_sky(const char *name, int (*bright)(int x, int y), float red, float green, float blue) {
     static float texels[32][64][3];
     int x, y;
@@ -1814,7 +1819,8 @@ static int everywhere(int x, int y) { (void)x; (void)y; return 1; }
 static int towards_minus_z(int x, int y) { (void)y; return x < 32; }
 static int above(int x, int y) { (void)x; return y < 16; }
 
-/* A sky picture lights the wall like a constant sky of its mean; scale, order of options and colours count. */
+/* A sky picture lights the wall like a constant sky of its mean. --sky-scale multiplies it, its colours are not
+   swapped, and of several --sky options the last counts. */
 TEST(sky_pictures) {
     unsigned char grey[2 * 2 * 4];
     double deviation;
@@ -1848,8 +1854,8 @@ TEST(sky_pictures) {
           wall_mean(1, &deviation), deviation);
 }
 
-/* The wall faces +x, the middle of a sky picture. Seen from the wall, the picture's left half is towards -z; a quarter
-   turn about y takes it to -x. */
+/* The wall faces +x, which is the middle of a sky picture. Seen from the wall, the left half of the picture is towards
+   -z; a quarter turn about y moves it to -x. */
 TEST(sky_pictures_turn) {
     static const struct { const char *degrees; double r;
         } turns[] = { { "0", 1 }, { "90", 0 }, { "-90", 2 }, { "270", 2 }, { "180", 1 }, { "-30", 1.5 } };
@@ -1869,7 +1875,7 @@ TEST(sky_pictures_turn) {
     }
 }
 
-/* --inspect says that a sensor meets nothing, instead of distances of 0. */
+/* --inspect says that a sensor hits nothing, instead of printing distances of 0. */
 TEST(a_sensor_may_meet_nothing) {
     lone_wall();
     CHECK(TOOL("lone.obj", "--size", "9x9", "--sky", "1,1,1", "--inspect", "4,4", "-o", "sheet.png") == 0 &&
@@ -1878,7 +1884,7 @@ TEST(a_sensor_may_meet_nothing) {
 
 /* >>failures */
 
-/* Wrong command lines give exit status 2, one line on stderr, and no picture. */
+/* Wrong command lines give exit status 2 and one line on stderr, and no picture is written. */
 TEST(bad_usage_is_two) {
     static const char *const lines[][6] = { { NULL },
                                             { "--size" },
@@ -1986,7 +1992,7 @@ TEST(failures_are_one) {
           ran.err);
 }
 
-/* Damaged, truncated and missing sky pictures give exit status 1 and a message with the file's name. */
+/* Damaged, truncated and missing sky pictures give exit status 1 and a message with the name of the file. */
 TEST(broken_sky_pictures_are_refused) {
     static const struct { const char *name, *text, *words; } files[] = {
         { "empty.hdr", "", "too soon" }, { "text.hdr",
@@ -2014,7 +2020,7 @@ TEST(broken_sky_pictures_are_refused) {
     size = fread(whole, 1, sizeof whole, in);
     fclose(in);
     REQUIRE(size == (size_t)info.st_size && size > 400, "%d bytes of it", (int)size);
-    for (i = 1; i < 20; i++) {  /* a reader that misses the end of the file would loop for ever */
+    for (i = 1; i < 20; i++) {  /* a reader that misses the end of the file would loop forever */
         write_file("cut.hdr", whole, size * i / 20);
         TOOL("lone.obj", SMALL, "--size", "8x8", "--sky", "cut.hdr", "-o", "refused.png");
         snprintf(shown, sizeof shown, "%d bytes of %d", (int)(size * i / 20), (int)size);
@@ -2082,7 +2088,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100",
          "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
-        /* Readers run in a process of their own. Under the sanitizer, a crash of that process is reported here; it must
+        /* Readers run in a process of their own. With the sanitizer, a crash of that process is reported here; it must
            be in libassimp, not in our code. */
         const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"),
                    *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
@@ -2100,7 +2106,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     remove(in_folder("hostile.png"));
     return 0;
 }
-/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. */
+/* Every file of a collection of damaged scenes is rendered or refused without a crash. */
 TEST(collected_hostile_files) {
     struct stat info;
     if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
@@ -2108,7 +2114,7 @@ TEST(collected_hostile_files) {
     CHECK(tried > 50, "only %d files were tried", tried);
 }
 
-/* When a write fails, the old file stays and no temporary file is left. */
+/* When a write fails, the old file remains, and no temporary file is left. */
 TEST(a_file_is_written_whole_or_not_at_all) {
     static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "-o", "whole.pfm", NULL };
     static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png",
@@ -2125,7 +2131,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     room_obj();
     for (i = 0; i < 3; i++) {
         write_text(names[i], "old\n");
-        finish(start(all[i], -1, 500));  /* the limit of the file size stands for a full disk */
+        finish(start(all[i], -1, 500));  /* the limit of the file size acts like a full disk */
         CHECK(ran.status == 1 && strstr(ran.err, names[i]) && ran.err_lines == 1, "%s: exit status %d: %s", names[i],
               ran.status, ran.err);
         read_text(in_folder(names[i]), text, sizeof text, &lines);
@@ -2135,7 +2141,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12,
           "exit status %d: %s", ran.status,
           ran.err);
-    /* A link to the file is written through and stays a link. Statistics can go into a pipe. */
+    /* A symbolic link stays a link, and the file behind it is written. Statistics can go into a pipe. */
     CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 &&
           lstat(in_folder("link.pfm"), &info) == 0 &&
               S_ISLNK(info.st_mode) && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000,
@@ -2188,8 +2194,8 @@ TEST(progress_is_for_terminals) {
     CHECK(run(arguments) == 0 && !strchr(ran.err, '\r'), "a progress bar was written to a file: %s", ran.err);
 }
 
-/* A .png is exposed and tone-mapped by default: a room whose lamp is a thousand times brighter or darker gives the
-   same picture. --tone none --exposure 0 shows the values as they are; one line tells that these are too bright. */
+/* A .png is exposed and tone-mapped by default: a room whose lamp is a thousand times brighter or darker gives the same
+   picture. --tone none --exposure 0 writes the plain values, and one line says that these are too bright. */
 TEST(a_png_is_made_for_screens) {
     static const char *const lamps[] = { "0.004", "4", "4000" };
     unsigned char *png[3], *none;
@@ -2229,8 +2235,8 @@ TEST(a_png_is_made_for_screens) {
 
 #define LIT_SHOT "lit.obj", "--eye", "0,0,9", "--look-at", "0,0,0", "--size", "32x32", "--mode", "direct"
 
-/* In a .png, a file with light of its own has a grey backdrop and not a black one, unless --sky is given. It is no
-   light: a .pfm does not have it. */
+/* In a .png, a file with its own light has a grey backdrop instead of a black one, unless --sky is given. The backdrop
+   is not light: a .pfm does not contain it. */
 TEST(a_lit_object_has_a_backdrop) {
     static const char *const options[3] = { "--quiet", "--sky=0,0,0", "--studio" };
     picture p;
@@ -2292,7 +2298,7 @@ TEST(help_is_short_or_complete) {
           "--version: %s", ran.out);
 }
 
-/* A misspelled option is answered with the option that it resembles, if there is one. */
+/* For a misspelled option, the message suggests the option that it resembles, if there is one. */
 TEST(misspelled_options_are_recognised) {
     static const struct { const char *typed, *meant; } words[] = {
         { "--exposre", "--exposure" }, { "--expsoure=2", "--exposure" }, { "--eror", "--error" }, { "-size", "--size" },
@@ -2310,7 +2316,7 @@ TEST(misspelled_options_are_recognised) {
     }
 }
 
-/* A message about a value says what a value looks like, with numbers as people write them. */
+/* A message about a value describes the allowed values, with numbers as people write them. */
 TEST(messages_show_what_values_look_like) {
     static const struct { const char *option, *value, *words; } lines[] = {
         { "--error", "3", "--error 3: the value must be a share, such as 2% or 0.02, from 0.01% to 100%\n" },
@@ -2334,7 +2340,7 @@ TEST(messages_show_what_values_look_like) {
     }
 }
 
-/* One warning names the options that had no effect, and only those. */
+/* One warning names the options without effect, and no others. */
 TEST(options_without_effect_are_named) {
     static const char *const lines[][8] = {
         { "--sensor-size (rays", "--sensor-size", "8" },
@@ -2370,7 +2376,7 @@ TEST(options_without_effect_are_named) {
           "%s", ran.err);
 }
 
-/* --verbose prints what was found and chosen. */
+/* --verbose prints findings and choices. */
 TEST(choices_are_printed) {
     static const char *const lines[] = { "\nsbl_render: light: 2 emitting triangles, 0 lights, sky 0,0,0.5\n",
         "camera: of the options: --eye 0,1.4,3 --look-at 0,", " --up 0,1,0 --fov 40\n", "\nsbl_render: exposure: ",
@@ -2388,14 +2394,14 @@ TEST(choices_are_printed) {
 
 #define SOFTPIPE_BOX scene, "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3", "--mode", "direct"
 
-/* Mesa's softpipe interprets shaders. */
+/* Makes Mesa use softpipe, which interprets shaders. */
 static void use_softpipe(void) {
     setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
     setenv("GALLIUM_DRIVER", "softpipe", 1);
     setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  /* the driver itself leaks */
 }
 
-/* The Cornell box on softpipe, whose loops once did not end, is as bright as on other drivers. */
+/* On softpipe, whose loops once did not end, the Cornell box is as bright as on other drivers. */
 TEST(softpipe_finishes_the_cornell_box) {
     char scene[1024];
     double sums[2] = { 0, 0 };
@@ -2417,7 +2423,7 @@ TEST(softpipe_finishes_the_cornell_box) {
 
 static void use_stuck_driver(void) { setenv("LD_PRELOAD", "./stuck.so", 1); }
 
-/* One signal ends the tool within 10 s, although the driver never returns. */
+/* One signal ends the tool within 10 s, even if the driver never returns. */
 TEST(a_signal_ends_what_the_driver_does_not) {
     static const char *const source = "#include <unistd.h>\n"
         "unsigned eglInitialize(void *d, int *a, int *b) { for (;;) { write(2, \"stuck\", 5); pause(); } }\n";
@@ -2447,7 +2453,7 @@ TEST(a_signal_ends_what_the_driver_does_not) {
     CHECK(seconds > 4 && seconds < 10, "the tool ended %.1f s after the signal", seconds);
 }
 
-/* The scene in examples/scenes has a red left, a green right and a white back wall. */
+/* The Cornell box in examples/scenes has a red left wall, a green right wall and a white back wall. */
 TEST(the_cornell_box_of_the_repository) {
     picture albedo;
     char text[8192];

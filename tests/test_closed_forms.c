@@ -1,4 +1,4 @@
-/* Pictures whose R is known in closed form: furnaces, skies, Lambert's formula for polygons, occlusion by half spaces,
+/* Compares pictures with R in closed form: furnaces, skies, Lambert's formula for polygons, occlusion by half spaces,
    and the weights of sensors. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -8,8 +8,8 @@
 
 static sbl_context *context;
 
-/* Returns the largest |R - expected| over the pixels that show a surface, or 1e30 if there are none. All pixels must
-   show one, unless `holes`. */
+/* Returns the largest |R - expected| over the pixels that show a surface, or 1e30 if none does. Unless `holes` is 1,
+   all pixels must show one. */
 static double worst_radiance(const test_scene *s, const sbl_picture_desc *view, double r, double g, double b,
                              int holes) {
     double expected[3], worst = 0;
@@ -59,7 +59,7 @@ TEST(furnace) {
     test_scene s = { 0 };
     int i;
     scene_box(&s, scene_material(&s, 0.25f, 0.5f, 1), -1, -1, -1, 1, 1, 1);
-    scene_sky(&s, 50, 50, 50);  /* must not be seen */
+    scene_sky(&s, 50, 50, 50);  /* must not be visible */
     for (i = 0; i < SIZES; i++) {
         int width = sizes[i] > 64 ? 1 : 16;
         sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1),
@@ -83,9 +83,9 @@ TEST(furnace_default_settings) {
     scene_free(&s);
 }
 
-/* No part of a convex body lies above the plane of one of its facets, so with flat shading R = 1. With smooth normals,
-   the hemisphere is tilted by the angle d between normal and facet; its cosine-weighted share above the facet's plane,
-   the part that sees the sky, is (1 + cos d) / 2. */
+/* No part of a convex body is above the plane of one of its facets, so with flat shading R = 1. With smooth normals,
+   the hemisphere is tilted by the angle d between normal and facet; the share that sees the sky is the cosine-weighted
+   share above the plane of the facet, (1 + cos d) / 2. */
 TEST(sphere_under_sky) {
     int smooth, x, y;
     for (smooth = 0; smooth < 2; smooth++) {
@@ -107,12 +107,12 @@ TEST(sphere_under_sky) {
                     double expected = 0.5 + 0.5 * v3_dot(p.normal, p.face),
                         off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
                     int corner, seam = 0;
-                    /* skips pixels at a facet's edge, where the sensor sees past it */
+                    /* skips pixels at the edge of a facet, where the sensor sees past it */
                     for (corner = 0; corner < 4; corner++)
                         seam |= v3_dot(p.face, ref_camera_point(reference, &view, x + 0.4 + 0.2 * (corner & 1),
                                                                 y + 0.4 + 0.2 * (corner >> 1)).face) < 0.9999;
                     if (!p.hit || seam) continue;
-                    /* skips normals that turn away from the camera, because sbl.h may bend them */
+                    /* skips normals that face away from the camera, because sbl.h may bend them */
                     if (smooth && v3_dot(p.normal, v3_unit(v3_sub(v3_of(0.3, 0.4, 3.2), p.position))) < 0.05) continue;
                     seen++;
                     if (expected < least) least = expected;
@@ -139,7 +139,8 @@ static double single_view_share(double fov) {
     return 4 / REF_PI * s * atan(s);
 }
 
-/* A single view of 135 or 90 degrees sees the closed form's share of the sky; so does the paper's estimator. */
+/* A single view of 135 or 90 degrees sees the share of the sky given by the closed form, and so does the estimator of
+   the paper. */
 TEST(single_view_under_sky) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(4, 3, 30, 1, 3, 4, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -147,7 +148,7 @@ TEST(single_view_under_sky) {
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
     scene_sky(&s, 1, 1, 1);
     CHECK(fabs(share - 0.8773) < 1e-4, "the closed form itself gives %.5f", share);
-    view.sensor_kind = SBL_SENSOR_SINGLE;  /* weights are exact at any size */
+    view.sensor_kind = SBL_SENSOR_SINGLE;  /* the weights are exact at any size */
     worst = worst_radiance(&s, &view, share, share, share, 0);
     CHECK(worst < 1e-4, "one view of 135 degrees is off by %.6f from %.4f", worst, share);
     view.sensor_fov = 90;
@@ -162,9 +163,9 @@ TEST(single_view_under_sky) {
 
 /* >>weights */
 
-/* Returns the projected solid angle / pi of the directions forward + right * x + up * y for x in [x0, x1], y in [y0,
-   y1], without the part below the horizon: integrates cos(theta) / |d|^3 by Gauss's rule with five points, on 4 x 4
-   pieces. */
+/* Returns the projected solid angle / pi of the directions forward + right * x + up * y with x in [x0, x1] and y in
+   [y0, y1], without the part below the horizon. It integrates cos(theta) / |d|^3 by Gauss quadrature with five points,
+   on 4 x 4 pieces. */
 static double weight_by_quadrature(const sbl_sensor_view *view, v3 n, double x0, double x1, double y0, double y1) {
     static const double at[5] = { -0.906179845938664, -0.538469310105683, 0, 0.538469310105683, 0.906179845938664 };
     static const double weight[5] = { 0.236926885056189, 0.478628670499366, 0.568888888888889, 0.478628670499366,
@@ -178,7 +179,7 @@ static double weight_by_quadrature(const sbl_sensor_view *view, v3 n, double x0,
         double hx = (x1 - x0) / 8, cx = x0 + (2 * (piece & 3) + 1) * hx;
         for (i = 0; i < 5; i++) {
             double x = cx + hx * at[i], low = y0, high = y1, horizon, hy, cy;
-            if (fabs(u) > 1e-3) {  /* the horizon in this column: f + r x + u y = 0 */
+            if (fabs(u) > 1e-3) {  /* horizon in this column: f + r x + u y = 0 */
                 horizon = -(f + r * x) / u;
                 if (u > 0 && horizon > low) low = horizon;
                 if (u < 0 && horizon < high) high = horizon;
@@ -205,7 +206,7 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     int v, i, j, outside = 0;
     uint64_t seed = 1;
     view.sensor_kind = kind;
-    /* tilted ground, so that no axis is special */
+    /* the ground is tilted, so that no axis is special */
     scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -30, -12, -30, -30, -3, 30, 30, 12, 30, 30, 3, -30);
     scene_quad(&s, scene_lamp(&s, 1, 2, 3), -1, 5, -1, -1, 5, 1, 1, 5, 1, 1, 5, -1)->id = 9;
     scene_sky(&s, 0.5f, 0.5f, 0.5f);
@@ -249,7 +250,7 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
           (double)sensor.weight_sum, sum);
     CHECK(fabs(exact_sum - expected_sum) < 1e-5, "size %d: the views cover %.7f of the hemisphere, expected %.7f", size,
           exact_sum, expected_sum);
-    /* float rounding of a texel's weight, which is about 1 / texels */
+    /* float rounding of the weight of a texel, which is about 1 / texels */
     CHECK(worst < 1e-7 + 2e-5 / (size * size), "size %d: a texel's weight is off by %.3g (a mean weight is %.3g)", size,
           worst, 1.0 / (3 * size * size));
     CHECK(fabs(light - (double)sensor.from_surroundings[1]) < 2e-3 * light,
@@ -282,13 +283,13 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     scene_free(&s);
 }
 
-/* Weights of a hemicube are exact at all sizes, sum to 1, and its views cover the hemisphere once. */
+/* The weights of a hemicube are exact at all sizes and add up to 1, and its views cover the hemisphere exactly once. */
 TEST(weights_of_hemicube) {
     int i;
     for (i = 0; i < SIZES; i++) if (sizes[i] < 512) check_weights(SBL_SENSOR_HEMICUBE, sizes[i], 1);
 }
 
-/* Weights of a single view are exact, and sum to the closed form. */
+/* The weights of a single view are exact and add up to the closed form. */
 TEST(weights_of_single_view) {
     check_weights(SBL_SENSOR_SINGLE, 32, single_view_share(135));
     check_weights(SBL_SENSOR_SINGLE, 5, single_view_share(135));
@@ -319,7 +320,7 @@ TEST(sensors_are_turned_by_pixel_and_seed) {
 /* >>polygons */
 
 /* R of a floor under polygonal lamps agrees with Lambert's formula. The lamps are hidden from the camera, so that they
-   do not cover the floor. */
+   do not block its view of the floor. */
 TEST(lambert_polygons) {
     static const struct { const char *name; int count; float corners[5][3]; } lamps[] = {
         { "square overhead", 4, { { -1, 1, -1 }, { 1, 1, -1 }, { 1, 1, 1 }, { -1, 1, 1 } } },
@@ -362,8 +363,8 @@ TEST(lambert_polygons) {
                 }
             free(radiance);
         }
-        /* Texels blur the rim of the lamp, differently at each pixel: the mean shows the bias, the rms error the
-           noise. */
+        /* Texels blur the rim of the lamp, differently at each pixel. The mean therefore shows the bias, and the RMS
+           error the noise. */
         CHECK(fabs(sum / expected_sum - 1) < 0.003, "%s: mean R is off by %+.3f %%", lamps[lamp].name,
               100 * (sum / expected_sum - 1));
         CHECK(sqrt(squares / 100) < 0.01 && worst < 0.03, "%s: R is off by %.3f %% rms, %.3f %% at worst",
@@ -394,8 +395,8 @@ TEST(lambert_formula_against_quadrature) {
 
 /* >>occlusion */
 
-/* A very long wall whose top is at elevation a hides the directions below a on one side: (1 - cos a) / 2 of the
-   cosine-weighted hemisphere. R under a sky of 1 is (1 + cos a) / 2. */
+/* A very long wall whose top is at elevation a hides the directions below a on one side, which are (1 - cos a) / 2 of
+   the cosine-weighted hemisphere. R under a sky of 1 is (1 + cos a) / 2. */
 TEST(wall) {
     static const float heights[] = { 0.25f, 1, 4, 200 };
     int i, x, y;
@@ -433,15 +434,15 @@ TEST(wall) {
     }
 }
 
-/* A slope over an infinite black ground sees (1 + cos tilt) / 2 of the sky; so does an overhang, with a tilt beyond 90
-   degrees. */
+/* A slope over an infinite black ground sees (1 + cos tilt) / 2 of the sky, and so does an overhang, with a tilt beyond
+   90 degrees. */
 TEST(slope) {
     static const int tilts[] = { 15, 45, 90, 135 };
     int i;
     for (i = 0; i < 4; i++) {
         test_scene s = { 0 };
         double t = tilts[i] * REF_PI / 180, expected = 0.5 * (1 + cos(t)), worst;
-        /* the slope's normal is (0, c, n), its upward direction (0, n, -c) */
+        /* the normal of the slope is (0, c, n), its upward direction (0, n, -c) */
         float c = (float)cos(t), n = (float)sin(t);
         sbl_picture_desc view = scene_plain(scene_view(8, 6, 10, 0.3f, 3 * c, 3 * n, 0, 0, 0), SBL_MODE_DIRECT, 128);
         int black = scene_material(&s, 0, 0, 0);
@@ -456,8 +457,9 @@ TEST(slope) {
 
 /* >>scale */
 
-/* Scenes with the same R everywhere, at all scales and far from the origin. A sensor that saw its own surface, or past
-   an edge, would have another R. Vertices are binary fractions, so that translation does not change the shapes. */
+/* Checks scenes with the same R everywhere, at all scales and far from the origin. A sensor that saw its own surface,
+   or past an edge, would have another R. Vertices are binary fractions, so that translation does not change the
+   shapes. */
 static void check_scale(float scale, float away, int holes) {
     static const char *const names[] = { "inside a box that glows", "a box on the floor of one",
         "a sphere under the sky", "a closed dark room in bright light" };
@@ -494,7 +496,7 @@ TEST(scales) {
     check_scale(10000, 0, 0);
 }
 
-/* R does not depend on the distance from the origin, up to 1,024 times the scene's size. */
+/* R does not depend on the distance from the origin, up to 1,024 times the size of the scene. */
 TEST(far_from_the_origin) {
     check_scale(0.0078125f, 128, 0);
     check_scale(1, 128, 0);
@@ -502,7 +504,7 @@ TEST(far_from_the_origin) {
     check_scale(8192, 128, 0);
 }
 
-/* A lamp half a millimetre below the ceiling of a large room: neither hides the other. */
+/* A lamp is half a millimetre below the ceiling of a large room, and neither hides the other. */
 TEST(thin_gaps) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(12, 9, 50, 0, 200, 0, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -578,8 +580,8 @@ TEST(vertex_colours) {
 
 static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
 
-/* Anti-aliasing: an emitting rectangle on black. The value of each pixel is the share of its samples that the rectangle
-   covers, which is about the share of its area. A pixel is one unit wide. */
+/* Anti-aliasing of an emitting rectangle on black: the value of each pixel is the share of its samples that the
+   rectangle covers, which is about the covered share of its area. A pixel is one unit wide. */
 TEST(samples_cover_pixels) {
     const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
     test_scene s = { 0 };
@@ -598,7 +600,7 @@ TEST(samples_cover_pixels) {
             const double seen = (double)final[3 * (8 * y + x)];
             double sum = 0;
             for (i = 0; i < view.samples; i++) {
-                float offset[2];  /* to the right, downwards */
+                float offset[2];  /* to the right; downwards */
                 inside_sample_offset(i, view.samples, offset);
                 sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 -
                     y - offset[1] < high;
@@ -644,8 +646,8 @@ TEST(environment_behind) {
     scene_free(&s);
 }
 
-/* In a scene of a million units, a surface one unit from the camera is seen, although it is nearer than the depth
-   buffer resolves. */
+/* In a scene of a million units, a surface one unit from the camera is visible, although it is nearer than the depth
+   buffer can resolve. */
 TEST(near_things_in_large_scenes) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(8, 8, 60, 0, 1, 0, 0.1f, 0, 0.05f), SBL_MODE_DIRECT, 16);
@@ -662,8 +664,7 @@ TEST(near_things_in_large_scenes) {
     scene_free(&s);
 }
 
-/* Conversion to 16-bit floats: exact values are unchanged, values in between are rounded to the nearest, ties to
-   even. */
+/* Conversion to 16-bit floats keeps exact values, and rounds values in between to nearest, ties to even. */
 TEST(half_floats) {
     int i, wrong = 0;
     for (i = 0; i < 0x7bff; i++) {
@@ -678,7 +679,7 @@ TEST(half_floats) {
           "1, 0 or a value that is too large is converted wrongly");
 }
 
-/* Adds a floor and an emitting lid of 2 x 2 at height 1, and returns the largest error of R on the floor. */
+/* Adds a floor and an emitting lid of 2 x 2 at height 1. Returns the largest error of R on the floor. */
 static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float corners[12], uint32_t flags,
                               double sky) {
     v3 lid[4];
@@ -708,7 +709,7 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
 static const float lid_up[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };    /* counter-clockwise from above */
 static const float lid_down[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };  /* counter-clockwise from below */
 
-/* The floor under a lid sees lid and sky in their closed forms. */
+/* R of the floor under a lid is the sum of the closed forms of the lid and the sky. */
 TEST(lid_and_sky) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -717,7 +718,7 @@ TEST(lid_and_sky) {
     scene_free(&s);
 }
 
-/* One-sided lamps light only the side that they face, also when mirrored. */
+/* One-sided lamps light only the side that they face, also if they are mirrored. */
 TEST(one_sided_emission) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -733,7 +734,7 @@ TEST(one_sided_emission) {
     worst = worst_radiance(&s, &view, 0, 0, 0, 0);
     CHECK(worst == 0, "facing away: R is %.4f", worst);
     scene_free(&s);
-    /* mirroring must not exchange front and back, whether in the scene or by sbl_set_mesh_transform */
+    /* mirroring does not exchange front and back, neither in the scene nor by sbl_set_mesh_transform */
     for (i = 0; i < 2; i++) {
         floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
         if (i == 0) {
@@ -748,7 +749,7 @@ TEST(one_sided_emission) {
         free(picture);
         scene_free(&s);
     }
-    /* the same for a camera that sees it from above */
+    /* the same for a camera that sees the lid from above */
     floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
     CHECK(picture[0] < 1e-3f, "the back side emits: %g", (double)picture[0]);
@@ -761,7 +762,7 @@ TEST(one_sided_emission) {
     scene_free(&s);
 }
 
-/* A mesh that is hidden from the camera is not seen, but lights the floor. */
+/* A mesh that is hidden from the camera is invisible, but lights the floor. */
 TEST(hidden_from_camera) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -773,7 +774,7 @@ TEST(hidden_from_camera) {
     scene_free(&s);
 }
 
-/* A mesh that is hidden from sensors is seen, but neither lights nor shadows the floor. */
+/* A mesh that is hidden from sensors is visible, but neither lights nor shadows the floor. */
 TEST(hidden_from_sensors) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -783,7 +784,7 @@ TEST(hidden_from_sensors) {
     id = scene_channel(context, &view, SBL_CHANNEL_ID);
     CHECK(id[0] == 2, "the camera does not see the lid");
     free(id);
-    /* the floor seen from below the lid */
+    /* the floor, seen from below the lid */
     view = scene_plain(scene_view(6, 6, 20, 0, 0.5f, 3, 0, 0, 0), SBL_MODE_DIRECT, 32);
     worst = worst_radiance(&s, &view, 1, 1, 1, 0);
     CHECK(worst < 0.005, "the lid lights or shadows the floor: R is off by %.4f", worst);
@@ -825,7 +826,7 @@ TEST(final_is_emission_plus_albedo_times_radiance) {
 
 /* >>transforms */
 
-/* A lid in other coordinates is put in place by a matrix that rotates, scales and translates. */
+/* A matrix that rotates, scales and translates moves a lid from other coordinates to its place. */
 TEST(transforms) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(6, 6, 20, 0, 4, 0.1f, 0, 0, 0), SBL_MODE_DIRECT, 128);
@@ -836,7 +837,7 @@ TEST(transforms) {
     s.materials[lamp].flags = SBL_MATERIAL_HIDDEN_FROM_CAMERA;
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 100);
     memcpy(scene_quad(&s, lamp, 0, 0, 0, 0, 0, 1, 1, 0.5f, 1, 1, 0.5f, 0)->transform, place, sizeof place);
-    for (step = 0; step < 2; step++) {  /* first as set with the scene, then moved up by half */
+    for (step = 0; step < 2; step++) {  /* first as set with the scene, then moved up by half a unit */
         double squares = 0, worst = 0;
         double up = 1 + 0.5 * step;
         corners[0] = v3_of(1, up, -1); corners[1] = v3_of(-1, up, -1); corners[2] = v3_of(-1, up + 0.5, 1); corners[3] =

@@ -1,7 +1,7 @@
-/* The error in the Cornell box at 512 x 512 with sensors at every pixel and with default settings, which must be as
-   examples/MEASUREMENTS.md says; the default puts sensors at no more than a fifth of the pixels.
-   The reference is the closed form of the lamp times its visibility, by the ray caster. Sensors at all 262,144 pixels
-   would take minutes on a software renderer, so windows spread over the picture are rendered instead: crops of the same
+/* Measures the error in the Cornell box at 512 x 512, with sensors at every pixel and with default settings. It must
+   agree with examples/MEASUREMENTS.md, and the default must put sensors at no more than a fifth of the pixels. The
+   reference is the closed form of the lamp times its visibility, from the ray caster. Sensors at all 262,144 pixels
+   would take minutes on a software renderer, so the test renders windows spread over the picture: crops of the same
    camera with the same pixels. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -10,12 +10,12 @@
 
 static sbl_context *context;
 
-/* WINDOWS x WINDOWS windows; pixels at their border lack neighbours for the filter and are left out */
+/* WINDOWS x WINDOWS windows; pixels at their border are ignored, because they lack neighbours for the filter */
 enum { SIZE = 512, WINDOW = 40, WINDOWS = 4, BORDER = 2 };
-/* a sensor at every pixel; the same without filter; the same rasterised, in every fifth window */
+/* a sensor at every pixel; the same without a filter; the same rasterised, in every fifth window */
 enum { FILTERED, PLAIN, RASTER, WAYS };
 
-/* Returns the view of the part of the picture that starts at pixel (x, y). */
+/* Returns the view of the part of the picture that starts at the pixel (x, y). */
 static sbl_picture_desc window_of(sbl_picture_desc view, int x, int y, int size) {
     double scale_x = (double)view.width / size, scale_y = (double)view.height / size;
     double centre_x = (2.0 * x + size) / view.width - 1, centre_y = 1 - (2.0 * y + size) / view.height;
@@ -41,7 +41,7 @@ static void tally_add(tally *t, double r, double expected) {
 static double tally_error(const tally *t) { return sqrt(t->squares / t->count) / (t->expected_sum / t->count); }
 static double tally_bias(const tally *t) { return t->sum / t->expected_sum - 1; }
 
-/* The predicted error must be at most the target error, and agree with the errors predicted for the pixels. */
+/* Checks that the predicted error is at most the target error, and agrees with the errors predicted for the pixels. */
 static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stats, const float *radiance) {
     float *error = scene_channel(context, view, SBL_CHANNEL_ERROR), *id = scene_channel(context, view, SBL_CHANNEL_ID);
     double squares = 0, sum = 0;

@@ -1,4 +1,4 @@
-/* Tests of cube maps: the filter against closed forms and sums of its own, .ktx2 files as GL reads them, and the
+/* Tests cube maps: the filter against closed forms and sums computed here, .ktx2 files as GL reads them, and the
    reflection probes of sbl_bake --cubemaps. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
@@ -17,16 +17,16 @@
               "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
     } while (0)
 
-/* ---- what is expected ---- */
+/* ---- expected values ---- */
 
-/* GGX with alpha^2 = a2 and normal = view = reflection, as Karis 2013 writes it: D(h) dot(n, l), where h is halfway
+/* Returns GGX with alpha^2 = a2 and normal = view = reflection, as in Karis 2013: D(h) dot(n, l), where h is halfway
    between n and l, and c is dot(n, l). */
 static double lobe_weight(double c, double a2) {
     const double h2 = 0.5 * (1 + c), q = h2 * (a2 - 1) + 1;  /* h2: square of dot(n, h) */
     return c > 0 ? a2 / (TEST_PI * q * q) * c : 0;
 }
 
-/* What the lobe makes of light that grows as c: the factor of c. */
+/* Returns the factor of c that the lobe leaves of light proportional to c. */
 static double lobe_cosine(double a2) {
     double sum = 0, all = 0;
     int i;
@@ -38,7 +38,8 @@ static double lobe_cosine(double a2) {
     return sum / all;
 }
 
-/* The direction of a place in a face, from the table of the OpenGL specification: sc = s * |ma|, tc = t * |ma|. */
+/* Computes the direction of a point in a face, from the table of the OpenGL specification: sc = s * |ma|, tc = t *
+   |ma|. */
 static void gl_direction(int face, double s, double t, double out[3]) {
     const double x[6] = { 1, -1, s, s, s, -s }, y[6] = { -t, -t, 1, -1, -t, -t }, z[6] = { -s, s, t, -t, 1, -1 };
     const double length = sqrt(1 + s * s + t * t);
@@ -47,13 +48,13 @@ static void gl_direction(int face, double s, double t, double out[3]) {
     out[2] = z[face] / length;
 }
 
-/* Sets the direction of texel i of all faces. */
+/* Computes the direction of the texel with the index i over all faces. */
 static void texel_direction(int size, int i, double out[3]) {
     const int face = i / (size * size), y = i / size % size, x = i % size;
     gl_direction(face, (2.0 * x + 1) / size - 1, (2.0 * y + 1) / size - 1, out);
 }
 
-/* Sums all texels, each divided into finer x finer pieces, with the weights of the lobe. */
+/* Returns the sum over all texels with the weights of the lobe. Each texel is divided into finer x finer pieces. */
 static double sum_of_lobe(int size, const float *values, int finer, double a2, const double r[3]) {
     const int across = size * finer;
     double sum = 0, all = 0, d[3];
@@ -76,7 +77,7 @@ static double sum_of_lobe(int size, const float *values, int finer, double a2, c
 enum { SIDE = 32, TEXELS = 6 * SIDE * SIDE };
 static float source[3 * TEXELS], filtered[3 * TEXELS];
 
-/* Red: 2. Green: 1 + z. Blue: noise, and a lamp that is 2000 times as bright. */
+/* Makes the source. Red is 2, green is 1 + z, and blue is noise with a lamp that is 2000 times as bright. */
 static void make_source(void) {
     double d[3];
     int i;
@@ -88,8 +89,8 @@ static void make_source(void) {
     }
 }
 
-/* A constant stays what it is, and linear light keeps its shape: its factor is an integral of one variable, 2/3 for the
-   roughness 1. The filter keeps the energy of all light. */
+/* The filter keeps a constant and the shape of linear light, whose factor is an integral of one variable, 2/3 for the
+   roughness 1. It conserves the energy of all light. */
 TEST(closed_forms) {
     static const double roughness[4] = { 0.1, 0.35, 0.7, 1 };
     const int side = 16;
@@ -119,7 +120,7 @@ TEST(closed_forms) {
     cube_tree_free(&tree);
 }
 
-/* The sum over squares is that over all pieces of texels, also beside a bright lamp. */
+/* The sum over squares of texels equals the sum over all pieces of texels, also beside a bright lamp. */
 TEST(sums_of_texels) {
     static const double roughness[3] = { 0.25, 0.5, 1 };
     cube_tree tree;
@@ -155,7 +156,7 @@ static float from_half(unsigned bits) {
     return (float)(bits & 0x8000 ? -value : value);
 }
 
-/* The levels of a .ktx2 cube map of half floats: three floats for each texel. */
+/* The levels of a .ktx2 cube map of half floats, with three floats per texel. */
 typedef struct cube { int size, levels; float *values[16]; } cube;
 
 static void free_cube(cube *c) {
@@ -164,7 +165,7 @@ static void free_cube(cube *c) {
     memset(c, 0, sizeof *c);
 }
 
-/* Reads a file as its specification says. Returns whether it is such a cube map. */
+/* Reads a file according to its specification. Returns 1 if it is such a cube map. */
 static int read_ktx2(const char *name, cube *c) {
     static const char mark[] = "\253KTX 20\273\r\n\032\n";
     static unsigned char bytes[1 << 20];
@@ -183,7 +184,7 @@ static int read_ktx2(const char *name, cube *c) {
     if (number_at(bytes + 48, 4) != 80 + 24 * (uint64_t)c->levels || number_at(bytes + 52, 4) != 92 ||
         number_at(bytes + number_at(bytes + 48, 4), 4) != 92)
         return 0;
-    for (i = c->levels - 1; i >= 0; i--) {  /* the smallest is the first in the file */
+    for (i = c->levels - 1; i >= 0; i--) {  /* the smallest level comes first in the file */
         const uint64_t at = number_at(bytes + 80 + 24 * i, 8), length = number_at(bytes + 88 + 24 * i, 8);
         const int side = c->size >> i, texels = 6 * side * side;
         if (at % 8 || at < end || at + length > size || length != 8 * (uint64_t)texels) return 0;
@@ -195,7 +196,7 @@ static int read_ktx2(const char *name, cube *c) {
     return end == size;
 }
 
-/* Half floats are the nearest ones. */
+/* Half floats are rounded to the nearest. */
 TEST(half_floats) {
     static const struct { float value; unsigned bits; } known[] = {
         { 0, 0 }, { 1, 0x3c00 }, { -2.5f, 0xc100 }, { 65504, 0x7bff }, { 65519, 0x7bff }, { 1e9f, 0x7bff },
@@ -242,7 +243,7 @@ static void show_directions(int side, float *values) {
     }
 }
 
-/* Asks for directions in all levels. A quarter of them are at the edges of faces. */
+/* Makes questions with directions for all levels. A quarter of the directions are at the edges of faces. */
 static void ask_directions(float *questions, int count, int levels) {
     int i, k;
     for (i = 0; i < count; i++) {
@@ -253,8 +254,8 @@ static void ask_directions(float *questions, int count, int levels) {
     }
 }
 
-/* Writes, reads and samples a cube map whose colours are 1 + the direction. GL finds the direction that it asks for in
-   every level, and across the edges of faces: they cannot be seen. */
+/* Writes, reads and samples a cube map whose colours are 1 + the direction. In every level, also across the edges of
+   faces, GL returns the direction that it samples, so that edges are invisible. */
 TEST(files_are_what_gl_samples) {
     enum { SIZE = 32, LEVELS = 4, COUNT = 512 };
     static float values[LEVELS][3 * 6 * SIZE * SIZE], questions[8 * COUNT], answers[4 * COUNT];
@@ -296,10 +297,10 @@ TEST(files_are_what_gl_samples) {
     free_cube(&c);
 }
 
-/* ---- cmgen ---- */
+/* ---- comparison with cmgen ---- */
 
 /* Reads the red values of a face that cmgen has written as .psd: planes of big-endian floats, red first. (Its .dds of
-   four floats hold 3 everywhere.) */
+   four floats holds 3 everywhere.) */
 static int read_psd(const char *name, int side, float *out) {
     static unsigned char bytes[1 << 17];
     FILE *in = fopen(in_folder(name), "rb");
@@ -315,7 +316,7 @@ static int read_psd(const char *name, int side, float *out) {
     return 1;
 }
 
-/* Writes the source as a cross of faces for cmgen: .hdr without compression. */
+/* Writes the source for cmgen as a cross of faces, in an uncompressed .hdr. */
 static void write_cross(int size, const float *values) {
     static const int places[6][2] = { { 2, 1 }, { 0, 1 }, { 1, 0 }, { 1, 2 }, { 1, 1 }, { 3, 1 } };
     FILE *out = fopen(in_folder("cross.hdr"), "wb");
@@ -335,9 +336,8 @@ static void write_cross(int size, const float *values) {
     fclose(out);
 }
 
-/* Debian's cmgen filters by samples of blurred levels. The more samples, the less blurred are its levels, and the
-   nearer are they to ours. The source has values that a
-   .hdr keeps: whole numbers up to 255. */
+/* Debian's cmgen filters by samples of blurred levels. With more samples, its levels are less blurred and nearer to
+   ours. The source has values that a .hdr stores exactly: integers up to 255. */
 TEST(cmgen_agrees) {
     enum { SIZE = 64 };
     static const char *const faces[6] = { "px", "nx", "py", "ny", "pz", "nz" };
@@ -386,8 +386,8 @@ TEST(cmgen_agrees) {
 
 /* ---- the tool ---- */
 
-/* The walls +x, -x, +y ... of a room from (-2, 0, -1) to (3, 2, 4); each emits its own light. The corners of each run
-   counter-clockwise as seen from inside. With a box inside whose sides face outwards, and which emits 0.5. */
+/* A room from (-2, 0, -1) to (3, 2, 4), whose walls +x, -x, +y ... each emit their own light. The corners of each wall
+   are counter-clockwise as seen from inside. A box inside, whose sides face outwards, emits 0.5. */
 static const double room[2][3] = { { -2, 0, -1 }, { 3, 2, 4 } }, box[2][3] = { { 2, 0.2, 3 }, { 2.5, 0.7, 3.5 } };
 static const int emitted[6] = { 1, 2, 3, 4, 5, 6 };
 
@@ -425,7 +425,7 @@ static void glowing_room(void) {
     write_text("glow.obj", text);
 }
 
-/* Returns the distance at which a ray from a point leaves a box (or enters it, if enters is 1; negative: it misses).
+/* Returns the distance at which a ray from a point leaves a box, or enters it if `enters` is 1; negative if it misses.
    side: receives the side */
 static double meet(const double ends[2][3], const double at[3], const double d[3], int enters, int *side) {
     double in = -1e30, out = 1e30;
@@ -439,7 +439,7 @@ static double meet(const double ends[2][3], const double at[3], const double d[3
     return enters ? in < out ? in : -1 : out;
 }
 
-/* All levels are filtered from level 0. */
+/* Checks that all levels are filtered from level 0. */
 static void check_levels(const cube *c) {
     cube_tree tree;
     int i;
@@ -455,8 +455,8 @@ static void check_levels(const cube *c) {
     cube_tree_free(&tree);
 }
 
-/* Each texel of level 0 shows what a ray from the point meets: the order of faces and their orientation are right. The
-   box is that of the room, and a point in a solid has no cube map. */
+/* Each texel of level 0 shows what a ray from the point hits, so the order and orientation of faces are right. The box
+   equals the room, and a point in a solid has no cube map. */
 TEST(texels_show_what_rays_meet) {
     static const double at[3] = { 0.5, 0.7, 1 };
     static char json[16384];
@@ -471,7 +471,7 @@ TEST(texels_show_what_rays_meet) {
     for (i = 0; i < TEXELS; i++) {
         int near_edge = 0, x = i % SIDE, y = i / SIDE % SIDE, k;
         double expected[5];
-        for (k = 0; k < 5; k++) {  /* the centre of the texel, and its corners: anti-aliasing mixes what they see */
+        for (k = 0; k < 5; k++) {  /* anti-aliasing mixes the centre of the texel with its corners */
             gl_direction(i / SIDE / SIDE, (2.0 * x + 1 + (k % 3 - 1) * (k > 0)) / SIDE - 1,
                          (2.0 * y + 1 + (k > 2 ? 1 : k > 0 ? -1 : 0)) / SIDE - 1, d);
             expected[k] = meet(box, at, d, 1, NULL) > 0 ? 0.5 : emitted[(meet(room, at, d, 0, &side), side)];
@@ -494,7 +494,8 @@ TEST(texels_show_what_rays_meet) {
     free_cube(&c);
 }
 
-/* Without walls the box ends at the bounds of the scene, and the sky is seen. The grid is that of probes. */
+/* Without walls, the box ends at the bounds of the scene, and the sky is visible. The grid is the same as for
+   probes. */
 TEST(outdoors) {
     static char json[16384];
     int lines, i;

@@ -1,6 +1,6 @@
-/* The same input gives the same picture, to the bit, for any batch size, any slices, repeated calls, any earlier work
-   of the context, and whether a mesh was moved or set at its place. Other GL paths, view texture sizes and the host's
-   own shaders may change rounding only. */
+/* The same input gives the same picture to the bit, for any batch size, any slices, repeated calls, any earlier work of
+   the context, and whether a mesh is moved or set at its place. Other GL paths, view texture sizes and drawing by the
+   host may change only the rounding. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -22,7 +22,7 @@ static sbl_picture_desc cornell_view(void) {
     view.tile = 8;
     view.options.mode = mode;
     view.options.backend = backend;
-    view.options.rays = 24;  /* more than one shader invocation takes */
+    view.options.rays = 24;  /* more rays than one shader invocation traces */
     view.options.sensor_size = 16;
     view.samples = 2;
     view.options.epsilon = 0.1f;
@@ -39,7 +39,7 @@ static float *channel_of(picture *p, sbl_channel channel) {
 
 static int read_all(sbl_context *context, picture *out) {
     int channel, i;
-    /* there must be no channels that FLOATS does not count */
+    /* fails if there are channels that FLOATS does not count */
     if (channel_of(out, SBL_CHANNEL_COUNT) != out->values + FLOATS) return 0;
     for (i = 0; i < FLOATS; i++) out->values[i] = (float)NAN;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++)
@@ -54,7 +54,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, picture *o
 
 static int same(const picture *a, const picture *b) { return memcmp(a, b, sizeof *a) == 0; }
 
-/* Difference of R of two pictures of one scene, relative to the mean of a. */
+/* Differences of R between two pictures of one scene, relative to the mean of a. */
 typedef struct distance { double mean, rms, most; int pixels; } distance;
 
 static distance distance_of(picture *a, picture *b) {
@@ -88,7 +88,8 @@ static double average(picture *p) {
 
 /* >>bit for bit */
 
-/* The reference is finite, mostly lit, and has sensors of several levels; otherwise the comparisons prove nothing. */
+/* The reference is finite, mostly lit, and has sensors of several levels; otherwise the comparisons would prove
+   nothing. */
 TEST(reference_is_a_picture) {
     int i, lit = 0, levels[8] = { 0 };
     const float *final = channel_of(&expected, SBL_CHANNEL_FINAL),
@@ -141,7 +142,7 @@ TEST(slices) {
         view.options.progress_user = &calls;
         result = sbl_begin_picture(context, &view);
         for (steps = 0; steps < 100000 && (steps ? result == SBL_UNFINISHED : result == SBL_SUCCESS); steps++)
-            /* the last run alternates between all of them */
+            /* the last run alternates between all budgets */
             result = sbl_step(context, i < 4 ? budgets[i] : budgets[steps % 3]);
         REQUIRE(result == SBL_SUCCESS && read_all(context, &now), "slices %d: \"%s\" after %d steps", i,
                 sbl_result_string(result), steps);
@@ -151,7 +152,7 @@ TEST(slices) {
     sbl_destroy(context);
 }
 
-/* Earlier pictures, scenes and abandoned work, and other allocators, do not change the picture. */
+/* Earlier pictures, scenes and abandoned work do not change the picture, nor do other allocators. */
 TEST(repetitions) {
     static picture now;
     test_scene other = { 0 };
@@ -181,7 +182,7 @@ TEST(repetitions) {
           watch_last(&seen));
     CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture the picture differs");
     sbl_destroy(context);
-    /* malloc, whose memory is often zero; the memory of the other allocator never is */
+    /* uses malloc, whose memory is often zero; the memory of the other allocator never is */
     memset(&plain, 0, sizeof plain);
     context = watch_context(&seen, &plain, &cornell);
     CHECK(context && render(context, &view, &now) && same(&now, &expected), "another allocator changes the picture");
@@ -189,7 +190,7 @@ TEST(repetitions) {
     scene_free(&other);
 }
 
-/* >>moving */
+/* >>moving meshes */
 
 static const float places[4][16] = {
     { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  -20, 0, 35, 1 },
@@ -197,7 +198,7 @@ static const float places[4][16] = {
     { -1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  556, 0, 0, 1 },                     /* mirrored */
     { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1 } };
 
-/* A mesh that was moved gives the same picture as one set at that place. */
+/* A mesh that is moved gives the same picture as a mesh that is set at that place. */
 TEST(moving) {
     static picture now, fresh;
     static test_scene moved;
@@ -231,7 +232,7 @@ TEST(moving) {
 
 /* >>seeds */
 
-/* The same seed gives the same picture; another seed changes pixels, but hardly the mean of R. */
+/* The same seed gives the same picture. Another seed changes pixels, but hardly the mean of R. */
 TEST(seeds) {
     static picture now, again;
     static const uint32_t values[] = { 1, 2, 0x80000000u, 0xffffffffu };
@@ -257,12 +258,12 @@ TEST(seeds) {
     sbl_destroy(context);
 }
 
-/* >>equal up to rounding, with a sensor at every pixel, so that refinement decides nothing */
+/* >>equal up to rounding; every pixel has a sensor, so that refinement decides nothing */
 
-/* A texel shows what its centre sees. If an edge passes the centre within float rounding, the texel may show either
-   side: one of some thousand texels, in few sensors. So nearly all pixels are equal to the bit, and no pixel differs by
-   more than a few texels' weight. Lamps are not measured by texels. Bounced light is read from cells, whose edges add
-   more such centres. */
+/* Checks that two pictures are equal up to rounding. A texel shows what its centre sees. If an edge passes the centre
+   within float rounding, the texel may show either side; this concerns one of some thousand texels, in few sensors. So
+   nearly all pixels are equal to the bit, and no pixel differs by more than the weight of a few texels. Lamps are not
+   measured by texels. Bounced light is read from cells, whose edges add more such centres. */
 static void rounding(distance d, const char *what) {
     const int cells = mode == SBL_MODE_GI && backend == SBL_BACKEND_RASTER;
     CHECK(d.mean < (cells ? 5e-5 : 1e-5), "%s changes the mean of R by %.2g", what, d.mean);
@@ -285,7 +286,7 @@ static int plain_picture(const sbl_context_desc *desc, picture *out) {
     return done;
 }
 
-/* Without an optional capability of GL, the picture differs by rounding only. */
+/* Without an optional capability of GL, the picture differs only by rounding. */
 TEST(capabilities) {
     static picture all, without;
     sbl_context_desc desc = watch_desc(&seen);
@@ -316,7 +317,7 @@ TEST(capabilities) {
     }
 }
 
-/* The size of the view texture changes rounding only. */
+/* The size of the view texture changes only the rounding. */
 TEST(atlas_sizes) {
     static const int sizes[] = { 256, 300, 1024, 4096 };
     static picture base, now;
@@ -334,9 +335,9 @@ TEST(atlas_sizes) {
     }
 }
 
-/* >>scenes that exceed the limit of buffer textures are read from 2D textures, with the same bits */
+/* >>scenes beyond the limit of buffer textures, which are read from 2D textures with the same bits */
 
-/* The Cornell box and a ball of many triangles, with a texture that cuts holes. */
+/* Makes the Cornell box with a ball of many triangles, whose texture cuts holes. */
 static void crowd_make(test_scene *s, int slices, int stacks) {
     static const unsigned char texels[16] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 0 };
     int material;
@@ -351,8 +352,8 @@ static void crowd_make(test_scene *s, int slices, int stacks) {
     ball->texcoords.stride = 12;
 }
 
-/* Rounds of bounced light use the same textures: a picture makes 148 GL objects, and some 30 more if every round makes
-   its own. */
+/* Rounds of bounced light share the same textures. A picture creates 148 GL objects, and would create some 30 more if
+   every round created its own. */
 TEST(rounds_share_gl_objects) {
     static picture now;
     sbl_context_desc desc = watch_desc(&seen);
@@ -368,7 +369,7 @@ TEST(rounds_share_gl_objects) {
     sbl_destroy(context);
 }
 
-/* Scenes above the limit of buffer textures give the same pictures, to the bit, also with moved meshes. */
+/* Scenes above the limit of buffer textures give the same pictures to the bit, also with moved meshes. */
 TEST(past_buffer_textures) {
     enum { MOST_TEXELS = 32768 };  /* GL 3.3 guarantees 65536; a smaller limit makes the test faster */
     static picture pictures[2][2], now;
@@ -383,7 +384,7 @@ TEST(past_buffer_textures) {
     desc.get_gl_function = fake_proc;
     view.tile = 32;
     view.options.sensor_size = 8;
-    view.threshold = 1e9f;  /* few sensors of one view each */
+    view.threshold = 1e9f;  /* few sensors with one view each */
     if (backend == SBL_BACKEND_RASTER) view.sensor_kind = SBL_SENSOR_SINGLE;
     for (i = 0; i < 2; i++) {
         fake.most_texels = i ? MOST_TEXELS : 0;
@@ -394,7 +395,7 @@ TEST(past_buffer_textures) {
               "a buffer texture of %d texels was made", fake.texels);
         for (mesh = 6; mesh < 11; mesh++)
             CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
-        /* mirrored, so that its corners run the other way */
+        /* mirrored, so that its corners run in the other direction */
         CHECK(sbl_set_mesh_transform(context, crowd.mesh_count - 1, places[2]) == SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(render(context, &view, &pictures[i][1]), "%s", watch_last(&seen));
         CHECK(sbl_set_scene(context, &plain) == SBL_SUCCESS && render(context, &usual, &now) && same(&now, &expected),
@@ -418,7 +419,7 @@ TEST(past_buffer_textures) {
     scene_free(&crowd);
 }
 
-/* >>the draw callback: the host draws meshes first .. last - 1 of the Cornell box as sbl_draw_view requires */
+/* >>the draw callback; the host draws the meshes from first to last - 1 of the Cornell box as sbl_draw_view requires */
 
 typedef struct host_geometry { GLuint array, buffer, programs[2][2]; int corners, calls[2]; } host_geometry;
 typedef struct host_corner { float position[3], normal[3], albedo[3], emission[3], id; } host_corner;
@@ -466,7 +467,7 @@ static const char host_camera[] =
     "layout(location = 4) out vec4 out_emission;\n"
     "layout(location = 5) out uint out_id;\n"
     "void main() {\n"
-    "    vec3 ray = position - eye;\n"   /* moves the interpolated position along the ray back onto its plane */
+    "    vec3 ray = position - eye;\n"   /* moves the interpolated position along the ray back into its plane */
     "    vec3 p = eye + ray * (dot(on_plane - eye, normal) / dot(ray, normal));\n"
     "    vec3 n = dot(normal, ray) > 0.0 ? -normal : normal;\n"
     "    out_position = vec4(p, 0);\n"
@@ -543,9 +544,8 @@ static void host_geometry_draw(const sbl_draw_view *view, void *user) {
     gl.DrawArrays(GL_TRIANGLES, 0, h->corners);
 }
 
-/* Compares drawing by the host with meshes. If not lit, the room has a sky and no lamp: all light comes from texels and
-   must be equal up to rounding. If lit, rays to the lamp meet meshes exactly, but things that the host draws only in
-   texels. */
+/* Compares drawing by the host with meshes. lit: 0: the room has a sky and no lamp, so all light comes from texels and
+   must be equal up to rounding; 1: rays to the lamp hit meshes exactly, but geometry of the host only in texels */
 static void drawn_by_host(int first, uint32_t disabled, int lit) {
     static picture meshes, drawn;
     static test_scene room, rest;
@@ -593,14 +593,14 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
            "%d pixels\n", first, ids, off,
         d.mean, d.rms, d.most, d.pixels);
     CHECK(ids <= PIXELS / 200, "%d ids differ", ids);
-    /* the position of the eye alone has a rounding error of 1e-7 of the scene's size */
+    /* the position of the eye alone has a rounding error of 1e-7 of the size of the scene */
     CHECK(off < 1e-5 * 1500, "positions differ by %g, in a scene of size 1500", off);
     if (!lit) rounding(d, "drawing by the host");
     else CHECK(fabs(average(&drawn) / average(&meshes) - 1) < 0.02 && d.rms < (first ? 0.06 : 0.35),
                "drawing by the host changes the mean of R from %g to %g, by %g rms", average(&meshes),
                average(&drawn), d.rms);
     sbl_end(context);
-    scene.draw_user = &nothing;  /* without the callback's geometry, the picture must differ */
+    scene.draw_user = &nothing;  /* without the geometry of the callback, the picture must differ */
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
     CHECK(distance_of(&meshes, &drawn).pixels > PIXELS / 10, "the picture is the same without the host's geometry");
     sbl_destroy(context);
@@ -612,12 +612,12 @@ TEST(draw_callback) {
     int lit;
     for (lit = 0; lit < 2; lit++) {
         drawn_by_host(6, 0, lit);  /* the blocks */
-        drawn_by_host(2, 0, lit);  /* all but the floor and the lamp */
+        drawn_by_host(2, 0, lit);  /* everything except the floor and the lamp */
         drawn_by_host(0, 0, lit);  /* everything; a lamp that the host draws is measured only by texels */
     }
 }
 
-/* The same if the host's shaders write depth, without clip control. */
+/* The same holds if the shaders of the host write depth, without clip control. */
 TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL, 0); }
 
 /* After all tests the counting allocator holds no blocks. */

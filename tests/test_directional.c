@@ -1,5 +1,5 @@
-/* Tests of directional lightmaps, compared with closed forms, and of supersampled lightmaps, with light that changes
-   within a texel. */
+/* Compares directional lightmaps with closed forms, and tests supersampled lightmaps with light that varies within a
+   texel. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -9,9 +9,9 @@
 
 /* >>directional light */
 
-/* Returns the four harmonics of a triangle of radiance 1 that is above the horizon: from its solid angle (Van Oosterom
-   and Strackee 1983), and from the integral of the direction over it, which is half the sum over its edges of the angle
-   that the edge subtends times the normal of its plane (Lambert 1760). */
+/* Computes the four harmonics of a triangle of radiance 1 above the horizon. They follow from its solid angle (Van
+   Oosterom and Strackee 1983), and from the integral of the direction over it, which is half the sum over its edges of
+   the angle that the edge subtends times the normal of the plane of the edge (Lambert 1760). */
 static void triangle_harmonics(v3 p, const v3 corners[3], double out[4]) {
     v3 c[3], sum = v3_of(0, 0, 0);
     double length[3], solid_angle;
@@ -43,13 +43,14 @@ static void quad_harmonics(v3 p, const v3 corners[4], double out[4]) {
     for (i = 0; i < 4; i++) out[i] = one[i] + other[i];
 }
 
-/* Reads all four channels; the caller frees each. */
+/* Reads all four channels, which the caller frees. */
 static void harmonics_of(const sbl_lightmap_desc *desc, float *sh[4]) {
     int i;
     for (i = 0; i < 4; i++) sh[i] = channel_of(desc, (sbl_channel)(SBL_CHANNEL_SH_0 + i));
 }
 
-/* Returns R of a surface that faces m, from R and harmonics of a texel that faces n, by the formula in ON LIGHTMAPS. */
+/* Returns R of a surface that faces m, from R and the harmonics of a texel that faces n, by the formula in ON
+   LIGHTMAPS. */
 static double reconstructed(double R, const double sh[4], v3 n, v3 m) {
     const v3 lobe = v3_of(0.16286750 * sh[3], 0.16286750 * sh[1], 0.16286750 * sh[2]);
     const double mean = 0.28209479 * sh[0], length = v3_length(lobe), r = fmin(length / mean, 1);
@@ -58,8 +59,8 @@ static double reconstructed(double R, const double sh[4], v3 n, v3 m) {
     return R * (a + (1 - a) * (p + 1) * pow(q_m, p)) / (a + (1 - a) * (p + 1) * pow(q_n, p));
 }
 
-/* A floor under two lamps of different colours, the second one to the side. The harmonics of every texel agree with
-   closed forms, for both back ends, and so does R reconstructed for normals tilted by up to 30 degrees. */
+/* A floor is under two lamps of different colours, the second one to the side. The harmonics of every texel agree with
+   closed forms for both back ends, and so does R reconstructed for normals tilted by up to 30 degrees. */
 TEST(harmonics_of_two_lamps) {
     static const float lamps[2][12] = { { -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f },
                                         { 3, 0.6f, -1, 3, 0.6f, 0.5f, 3, 2, 0.5f, 3, 2, -1 } };
@@ -130,8 +131,8 @@ TEST(harmonics_of_two_lamps) {
 }
 
 /* Harmonics of point lights above the horizon agree with closed forms: 5 points, which get a ray each; 40 points and
-   balls; and 400 points, which are sampled in clusters by several looks. A point gives its irradiance e from one
-   direction; harmonic 0 of a ball is its radiance times its solid angle, slightly more than e. */
+   balls; and 400 points, which several looks sample in clusters. A point has its irradiance e from one direction;
+   harmonic 0 of a ball is its radiance times its solid angle, slightly more than e. */
 TEST(harmonics_of_lights) {
     static const int counts[3] = { 5, 40, 400 };
     static const double limits[3] = { 0.001, 0.001, 0.03 };
@@ -196,8 +197,8 @@ TEST(harmonics_of_lights) {
     }
 }
 
-/* Light that is equal from all directions, on a tilted surface, gives the closed form of the harmonics without noise:
-   with rays, with views, in a closed box that emits and reflects, and there for a surface without sensors, too. */
+/* Light that is equal from all directions gives a tilted surface the closed form of the harmonics without noise: with
+   rays, with views, in a closed box that emits and reflects, and there also on a surface without sensors. */
 TEST(even_light_has_no_direction) {
     int run, i, k;
     for (run = 0; run < 4; run++) {
@@ -230,7 +231,7 @@ TEST(even_light_has_no_direction) {
             count++;
             truth[0] = sqrt(0.25 / REF_PI) * 2 * REF_PI;
             for (k = 1; k < 4; k++) truth[k] = y * (double)normal[3 * i + k % 3];
-            /* on the surface without sensors, R itself has an error, which scales all harmonics */
+            /* on the surface without sensors, R has an error, which scales all harmonics */
             for (k = 0; k < 4; k++)
                 worst[k] = fmax(worst[k], fabs((double)sh[k][3 * i + 1] - truth[k] *
                                                (run == 3 ? (double)R[3 * i + 1] : 1)));
@@ -292,8 +293,7 @@ TEST(half_a_sky) {
     }
 }
 
-/* Without desc.directional the harmonics are 0, also those of pictures. R is the same to the bit with and without
-   them. */
+/* Without desc.directional, the harmonics are 0, also in pictures. R is the same to the bit with and without them. */
 TEST(harmonics_are_asked_for) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(24, 24, SBL_MODE_DIRECT);
@@ -334,7 +334,7 @@ TEST(harmonics_are_asked_for) {
     scene_free(&s);
 }
 
-/* >>light that changes within a texel */
+/* >>light that varies within a texel */
 
 /* Returns the area of the part of the unit square where a x + b y < c. */
 static double below(double a, double b, double c) {
@@ -347,8 +347,8 @@ static double below(double a, double b, double c) {
     return sum / 1000;
 }
 
-/* A vertical sun and the straight edge of a roof that crosses the floor at an angle. The light of a crossed texel is
-   its lit area; the error falls with the number of places per texel. */
+/* A vertical sun casts the straight shadow edge of a roof across the floor at an angle. The light of a texel on the
+   edge is its lit area; the error falls with the number of places per texel. */
 TEST(a_shadow_crosses_texels) {
     enum { N = 16 };
     static const int places[3] = { 1, 3, 8 };
@@ -362,7 +362,7 @@ TEST(a_shadow_crosses_texels) {
         double squares = 0, far_off = 0;
         int crossed = 0, wrong = 0;
         memset(&s, 0, sizeof s);
-        /* the floor from 0 to N equals the map */
+        /* coordinates from 0 to N on the floor equal those on the map */
         uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0, 0, N, N, 0, N, N, 0, 0), 0, 0,
                      1, 1);
         { const float turned[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }; uv_set(&s, &s.meshes[0], turned); }
@@ -406,7 +406,7 @@ TEST(a_shadow_crosses_texels) {
 }
 
 /* A bright and a dark chart meet within a column of texels. Each texel has the light of the chart that covers more of
-   it, and none of the other's. */
+   it, and no light of the other. */
 TEST(texels_are_of_one_chart) {
     static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
     int run, y;
@@ -450,8 +450,8 @@ TEST(texels_are_of_one_chart) {
     }
 }
 
-/* Each texel sees one hundredth of a lamp through a hole. Most of their first passes of rays towards the lamp find it
-   hidden (see sbl_combine_after in lamps.glsl). The mean of all texels has the harmonics of the part that is seen. */
+/* Each texel sees a hundredth of a lamp through a hole. Most of its first passes of rays to the lamp find it blocked
+   (see sbl_combine_after in lamps.glsl). The mean of all texels has the harmonics of the visible part. */
 TEST(few_rays_that_differ_have_harmonics) {
     static test_scene s;
     const v3 part[4] = { v3_of(0.4, 2, 0.2), v3_of(0.6, 2, 0.2), v3_of(0.6, 2, 0.4), v3_of(0.4, 2, 0.4) };

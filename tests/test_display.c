@@ -1,5 +1,5 @@
-/* SBL_CHANNEL_DISPLAY: what a screen shows. The view transforms are compared with formulas of their own here; the
-   exposure and the edges of lamps with what a viewer expects. */
+/* Tests SBL_CHANNEL_DISPLAY, the picture for a screen. View transforms are compared with independent formulas; the
+   exposure and the edges of lamps are compared with the expectations of a viewer. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -17,7 +17,7 @@ static sbl_picture_desc shown(sbl_picture_desc view, sbl_tone tone) {
     return view;
 }
 
-/* PBR Neutral as Khronos publishes it: F90 = 0.04 is taken away, then what is above 0.8 - 0.04 is compressed. */
+/* Applies PBR Neutral as Khronos publishes it: subtracts F90 = 0.04, then compresses values above 0.8 - 0.04. */
 static void neutral(double c[3]) {
     const double low = fmin(c[0], fmin(c[1], c[2])), offset = low < 0.08 ? low - 6.25 * low * low : 0.04;
     const double start = 0.8 - 0.04, d = 1 - start;
@@ -31,7 +31,7 @@ static void neutral(double c[3]) {
     for (k = 0; k < 3; k++) c[k] = c[k] * compressed / peak * (1 - g) + compressed * g;
 }
 
-/* AgX by the polynomial that Wrensch (2023) fitted to its curve, with matrices of the same source. */
+/* Applies AgX with the polynomial that Wrensch (2023) fitted to its curve, with matrices of the same source. */
 static void agx(double c[3]) {
     static const double in[9] = { 0.842479062253094, 0.0784335999999992, 0.0792237451477643, 0.0423282422610123,
         0.878468636469772, 0.0791661274605434, 0.0423756549057051, 0.0784336, 0.879142973793104 };
@@ -48,8 +48,8 @@ static void agx(double c[3]) {
         c[k] = pow(fmax(back[3 * k] * v[0] + back[3 * k + 1] * v[1] + back[3 * k + 2] * v[2], 0), 2.2);
 }
 
-/* Every tone equals its formula at radiances of 2^-12 to 2^8 in many colours. AgX is compared with a fit, which is off
-   by up to 0.02 itself. */
+/* Every tone equals its formula at radiances from 2^-12 to 2^8 in many colours. AgX is compared with a fit, which
+   itself is off by up to 0.02. */
 TEST(tones_are_their_formulas) {
     static const double allowed[SBL_TONE_COUNT] = { 0, 1e-5, 1e-4, 0.02 };
     test_scene s = { 0 };
@@ -72,7 +72,7 @@ TEST(tones_are_their_formulas) {
         display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
         for (i = 0; i < PIXELS; i++) {
             double c[3];
-            for (k = 0; k < 3; k++) c[k] = 2 * (double)final[3 * i + k];  /* one stop */
+            for (k = 0; k < 3; k++) c[k] = 2 * (double)final[3 * i + k];  /* brighter by one stop */
             if (tone == SBL_TONE_NEUTRAL) neutral(c);
             if (tone == SBL_TONE_AGX) agx(c);
             for (k = 0; k < 3; k++) {
@@ -92,8 +92,8 @@ TEST(tones_are_their_formulas) {
     scene_free(&s);
 }
 
-/* One side of AgX's curve, which is a hyperbola with a power (Sobotka's formula): how far it rises from its middle when
-   it has gone `x` of `length` from there. height: how far it rises in all; its slope begins as 2 */
+/* Returns one half of the sigmoid of AgX (Sobotka): the rise above the pivot at the distance x from it. The slope at
+   the pivot is 2, and the rise at x = length is `height`. power: sharpness of the shoulder or toe */
 static double agx_side(double x, double length, double height, double power) {
     const double whole = 2 * length;
     const double scale = pow(pow(whole, -power) * (pow(whole / height, power) - 1), -1 / power), term = 2 * x / scale;
@@ -125,7 +125,7 @@ TEST(agx_of_grey) {
     scene_free(&s);
 }
 
-/* FINAL and R have the same bits with and without a tone; without one, DISPLAY is 0. */
+/* FINAL and R have the same bits with and without a tone. Without a tone, DISPLAY is 0. */
 TEST(other_channels_stay_as_they_are) {
     test_scene s = { 0 };
     sbl_picture_desc view = shown(scene_cornell_view(WIDTH, HEIGHT), SBL_TONE_NONE);
@@ -152,7 +152,7 @@ TEST(other_channels_stay_as_they_are) {
     scene_free(&s);
 }
 
-/* A pixel that a very bright lamp covers in part shows that part, for every tone. */
+/* A pixel that a very bright lamp partly covers shows the covered share, for every tone. */
 TEST(edges_of_lamps_are_smooth) {
     int tone;
     for (tone = SBL_TONE_CLIP; tone < SBL_TONE_COUNT; tone++) {
@@ -179,8 +179,8 @@ TEST(edges_of_lamps_are_smooth) {
     }
 }
 
-/* A backdrop is shown where there is no surface, and fades to 0.3 at the upper edge. All else has the same bits. A
-   brighter sky hides it. */
+/* A backdrop is shown where there is no surface, and fades to 0.3 at the upper edge. Everything else has the same bits.
+   A brighter sky hides the backdrop. */
 TEST(a_backdrop_is_behind_objects) {
     static const sbl_channel channels[3] = { SBL_CHANNEL_DISPLAY, SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE };
     test_scene s = { 0 };
@@ -221,7 +221,7 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Returns the mean log2 of luminances that are not 0, from the share `from` to the share `to` of them. */
+/* Returns the mean log2 of the luminances that are not 0, between two quantiles `from` and `to`. */
 static double mean_log(const float *rgb, double from, double to) {
     static double logs[PIXELS];
     double sum = 0, weights = 0;
@@ -240,7 +240,7 @@ static double mean_log(const float *rgb, double from, double to) {
     return sum / weights;
 }
 
-/* Returns the exposure of a finished picture as ON PICTURES in sbl.h describes it. */
+/* Returns the exposure of a finished picture according to ON PICTURES in sbl.h. */
 static double chosen(const sbl_picture_desc *view) {
     float *R = scene_channel(context, view, SBL_CHANNEL_RADIANCE);
     float *final = scene_channel(context, view, SBL_CHANNEL_FINAL);
@@ -250,9 +250,9 @@ static double chosen(const sbl_picture_desc *view) {
     return fmax(fmin(stops, limit), stops - 1.5);
 }
 
-/* Returns the exposure that is chosen for a room with walls of an albedo, and the mean of what the screen shows.
-   power: radiance of its lamp, which is hidden from the camera; window: radiance of a bright quad in a tenth of it; if
-   negative, the quad is hidden, too, and gives the same light */
+/* Returns the automatic exposure for a room whose walls have this albedo. mean: receives the mean of the displayed
+   picture. power: radiance of the lamp, which is hidden from the camera. window: radiance of a bright quad in a tenth
+   of the picture; if negative, the quad is also hidden, and gives the same light */
 static double metered(float albedo, float power, float window, double *mean) {
     test_scene s = { 0 };
     sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 60, 0, 0, 0.9f, 0, 0, -1), SBL_TONE_NEUTRAL);
@@ -281,7 +281,7 @@ static double metered(float albedo, float power, float window, double *mean) {
     return (double)sbl_query_stats(context).picture.exposure;
 }
 
-/* The exposure follows the light in whole, and does not follow the albedo. */
+/* The exposure follows the total light, and does not follow the albedo. */
 TEST(exposure_follows_the_light) {
     double mean[4];
     const double one = metered(0.8f, 1, 0, &mean[0]), bright = metered(0.8f, 1024, 0, &mean[1]),
@@ -295,7 +295,7 @@ TEST(exposure_follows_the_light) {
     CHECK(mean[3] < 0.15, "a dark room has a mean of %.3f", mean[3]);
 }
 
-/* Highlights lower the exposure, by at most 1.5 stops. exposure adds to what is chosen. */
+/* Highlights lower the exposure by at most 1.5 stops. The field `exposure` is added to the automatic exposure. */
 TEST(highlights_limit_the_exposure) {
     double mean, hidden = metered(0.8f, 1, -3, &mean), seen = metered(0.8f, 1, 3, &mean),
         glaring = metered(0.8f, 1, 1e6f, &mean);

@@ -14,7 +14,7 @@ enum { PICTURES = 3 };
 
 static const char *program;
 
-/* The child process: renders with the driver that the environment selects, and writes the driver's name and the
+/* The child process: renders with the driver that the environment selects, and writes the name of the driver and the
    pictures. */
 static int child(const char *path) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[PICTURES] = {
@@ -48,7 +48,7 @@ static int child(const char *path) {
     return fclose(file) == 0 && good ? 0 : 1;
 }
 
-/* Runs the child. Returns 0 if that fails, or if another driver was used. */
+/* Runs the child. Returns 0 on failure, or if another driver was used. */
 static int pictures_of(const char *driver, char renderer[128], small_picture out[PICTURES]) {
     char path[] = "/tmp/sbl_drivers_XXXXXX";
     const int handle = mkstemp(path);
@@ -77,7 +77,7 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
     return good;
 }
 
-/* Returns the rms difference of R, relative to its mean. */
+/* Returns the RMS difference of R, relative to its mean. */
 static double difference(const small_picture *a, const small_picture *b) {
     const float *x = a->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE,
         *y = b->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE;
@@ -90,8 +90,8 @@ static double difference(const small_picture *a, const small_picture *b) {
     return sqrt(squares * 3 * SMALL_PIXELS) / sum;
 }
 
-/* views: whether to compare rasterised hemicubes; on softpipe these differ from run to run. most: largest error;
-   pictures are so small that a single texel or ray on the other side of an edge matters. */
+/* Compares a driver with llvmpipe. views: 1 to compare rasterised hemicubes, too; on softpipe these differ from run to
+   run. most: greatest error; in such small pictures, a single texel or ray on the other side of an edge matters */
 static void agrees(const char *driver, double most, int views) {
     static small_picture truth[PICTURES], other[PICTURES];
     char renderer[128] = "";
@@ -106,7 +106,7 @@ static void agrees(const char *driver, double most, int views) {
     }
 }
 
-/* Pictures of each driver agree with llvmpipe's within 3 % and 0.1 % rms. */
+/* Pictures of each driver agree with those of llvmpipe within 3 %, and within 0.1 % RMS. */
 TEST(softpipe) { agrees("softpipe", 0.03, 0); }
 TEST(zink) { agrees("zink", 1e-3, 1); }
 

@@ -1,8 +1,8 @@
 #!/bin/sh
-# What sbl_bake writes, in the programs that load it: three.js in a headless Chromium draws scene.gltf with the plug-in
-# examples/engines/MOZLightmap.js and with maps in all formats that it loads, the scene that was baked with the map that
-# sbl_unwrap --light adds, and scene_lit.glb without a plug-in. The pictures must be those of host_lightmap. Khronos'
-# validator checks the files.
+# Tests that other programs can load the files of sbl_bake. three.js in a headless Chromium draws three scenes:
+# scene.gltf with the plug-in examples/engines/MOZLightmap.js and maps in all formats that it loads; the scene that was
+# baked, with the map that sbl_unwrap --light adds; and scene_lit.glb without a plug-in. The pictures must equal those
+# of host_lightmap. The glTF validator of Khronos checks the files.
 set -u
 cd "$(dirname "$0")/.."
 modules=build/engines/node_modules

@@ -1,5 +1,5 @@
-/* Compares predicted errors with true ones, in scenes whose R is known at every pixel, in closed form or from an
-   independent ray caster, for target errors of 1 to 8 %. */
+/* Compares predicted errors with true errors, in scenes whose R is known at every pixel, in closed form or from an
+   independent ray caster, for target errors from 1 to 8 %. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -10,21 +10,21 @@ static sbl_context *context;
 
 enum { WIDTH = 128, HEIGHT = 96, POLYGONS = 40, LEVELS = 4 };
 
-/* The light of a scene: polygons of one grey radiance, possibly occluded by a rectangle or by others, and the ray
-   caster if it is needed. */
+/* The light of a scene: polygons of one grey radiance, which a rectangle or other polygons may occlude, or the light of
+   the ray caster. */
 typedef struct known {
     test_scene scene;
     sbl_picture_desc view;
     v3 corners[POLYGONS][4];
-    double radiance[POLYGONS];    /* negative: the polygon hides a part of a sky of 1 */
+    double radiance[POLYGONS];    /* negative: the polygon hides a part of a sky of radiance 1 */
     int count;
     double sky;
-    double blocker[4], height, lamp_height;  /* an occluding rectangle above the floor: x0, z0, x1, z1 */
-    double view_below;            /* surfaces above this height are not compared; 0: all are */
+    double blocker[4], height, lamp_height;  /* occluding rectangle above the floor: x0, z0, x1, z1 */
+    double view_below;            /* surfaces above this height are ignored; 0: none are */
     int lamp;                     /* mesh of the lamp whose light the ray caster finds; 0: none */
-    int levels;                   /* number of target errors that are tested */
-    double within;                /* the least share of pixels within twice their predicted error */
-    /* the largest error of dark pixels, relative to their own light, with the smallest target error; 0: any */
+    int levels;                   /* number of target errors to test */
+    double within;                /* least share of pixels that are within twice their predicted error */
+    /* largest error of dark pixels, relative to their own light, with the smallest target error; 0: any */
     double dark;
 } known;
 
@@ -41,7 +41,7 @@ static void known_lamp(known *k, double radiance, float x0, float z0, float x1, 
     known_polygon(k, radiance, corners);
 }
 
-/* Adds a rectangle of a ceiling that is black from below and hides a part of the sky. */
+/* Adds a rectangle of ceiling that is black from below and hides part of the sky. */
 static void known_lid(known *k, float x0, float z0, float x1, float z1, float y) {
     const float corners[12] = { x0, y, z0, x1, y, z0, x1, y, z1, x0, y, z1 };
     scene_polygon(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), corners, 4);
@@ -52,7 +52,7 @@ static void known_floor(known *k, float half) {
     scene_floor(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), 0, half);
 }
 
-/* A rectangle between a square lamp and the floor: penumbrae of all widths, in closed form. */
+/* A rectangle between a square lamp and the floor, with penumbrae of all widths in closed form. */
 static void penumbra(known *k) {
     const float blocker[12] = { -0.7f, 1, -0.2f, 0.4f, 1, -0.2f, 0.4f, 1, 0.5f, -0.7f, 1, 0.5f };
     known_floor(k, 4);
@@ -64,7 +64,7 @@ static void penumbra(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 60, 0, 0.9f, 2.4f, 0, 0, 0);
 }
 
-/* Sky through a hole in the ceiling, or through a hole with bars. */
+/* Sky through a hole in the ceiling. bars: 1 if the hole has bars */
 static void window_of(known *k, int bars) {
     int i;
     known_floor(k, 60);
@@ -117,7 +117,7 @@ static void many_lamps(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 60, 0, 3, 4, 0, 0, 0);
 }
 
-/* Boards in the light of a lamp, which cast shadows of every kind. The ray caster finds the truth. */
+/* Boards in the light of a lamp, with shadows of every kind. The ray caster finds the truth. */
 static void boards(known *k) {
     const float corners[12] = { -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f, 2, 0.3f };
     const int grey = scene_material(&k->scene, 0.5f, 0.5f, 0.5f);
@@ -134,13 +134,13 @@ static void boards(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 50, 0.5f, 1.7f, 2.2f, 0, 0.1f, 0);
 }
 
-/* Returns R at p with normal n. */
+/* Returns R at p with the normal n. */
 static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, uint64_t *seed) {
     double light = k->sky;
     int i;
     if (k->lamp) return k->radiance[0] * ref_quad_light(caster, p, n, k->corners[0], k->lamp, 20, seed);
     for (i = 0; i < k->count; i++) light += k->radiance[i] * ref_polygon(p, n, k->corners[i], 4);
-    if (k->height > 0) {  /* subtracts the light that the rectangle hides: its projection onto the plane of the lamp */
+    if (k->height > 0) {  /* the hidden light is the projection of the rectangle onto the plane of the lamp */
         const double t = k->lamp_height / k->height;
         const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)),
             x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
@@ -236,7 +236,7 @@ static void predicted_well(void (*make)(known *)) {
 }
 
 /* The shadow of a red lamp under a blue sky of 5. Errors are relative to the mean of their own channel, and red has
-   only an eighth of the light. If sbl.h looked at luminance, red would be off by 29 %. */
+   only an eighth of the light. If sbl.h used the luminance, red would be off by 29 %. */
 TEST(of_a_red_shadow_in_blue_light) {
     static known k;
     float *light;
@@ -271,7 +271,7 @@ TEST(of_a_red_shadow_in_blue_light) {
     scene_free(&k.scene);
 }
 
-/* Parallel plates under the sky, and light that bounces between them. */
+/* Parallel plates under the sky, with light that bounces between them. */
 static void plates(known *k) {
     const int grey = scene_material(&k->scene, 0.7f, 0.7f, 0.7f);
     int i;
@@ -284,8 +284,8 @@ static void plates(known *k) {
     k->view.filter_radius = -1;
 }
 
-/* Most rays meet plates that are so near that they are continued from there. If the looks of a sensor were continued in
-   the same directions, more looks would not reduce the error. The truth is one look of 4096 rays. */
+/* Most rays hit plates so near that they continue from there. If the looks of a sensor continued in the same
+   directions, more looks would not reduce the error. The truth is a single look of 4096 rays. */
 TEST(of_looks_between_near_plates) {
     static known k;
     int i;
@@ -306,7 +306,7 @@ TEST(of_looks_between_near_plates) {
             }
             predicted = (double)sbl_query_stats(context).picture.expected_error;
             stored = (double)sbl_query_stats(context).picture.stored_error;
-            /* The store's error is left out, because both pictures read the same store. */
+            /* the error of the store is subtracted, because both pictures read the same store */
             predicted = sqrt(predicted * predicted - stored * stored);
             off = sqrt(squares * 64 * 48) / mean;
             printf("  %.2f %% predicted, %.2f %% true\n", 100 * predicted, 100 * off);
@@ -319,8 +319,8 @@ TEST(of_looks_between_near_plates) {
     scene_free(&k.scene);
 }
 
-/* A cell with corners on two surfaces, and between them a strip of a third one without a sensor: the light that may be
-   hidden there counts as bias, not as noise. With one surface there is no such bias. */
+/* A cell has corners on two surfaces, and between them a strip of a third surface without a sensor. Light that may be
+   hidden there counts as bias, not as noise. With a single surface there is no such bias. */
 TEST(of_what_silhouettes_hide) {
     float hidden[2] = { 0, 0 };
     int run;
@@ -341,7 +341,7 @@ TEST(of_what_silhouettes_hide) {
           (double)(hidden[1] / hidden[0]));
 }
 
-/* The predicted error of a store with few cells fits its difference from a store with many. */
+/* The predicted error of a store with few cells agrees with its difference from a store with many. */
 TEST(of_few_bounce_samples) {
     static known k;
     float *light[2] = { NULL, NULL };
@@ -375,9 +375,9 @@ TEST(of_few_bounce_samples) {
     scene_free(&k.scene);
 }
 
-/* A lamp lights only a part of a ceiling, so that few of the store's rays find what lights the room. Stores with
-   different numbers of cells then differ by noise, which the predicted error of stored light includes. Cells near to
-   the middle of the floor have no part in it, because there are none. */
+/* A lamp lights only part of a ceiling, so that few rays of the store find the light that reaches the room. Stores with
+   different numbers of cells then differ by noise, which the predicted error of stored light includes. Nearby cells
+   have no part in it, because there are none near the middle of the floor. */
 TEST(of_noise_in_the_store) {
     enum { STORES = 12 };
     static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
@@ -410,8 +410,9 @@ TEST(of_noise_in_the_store) {
     scene_free(&s);
 }
 
-/* Sensors take looks until the whole error is the target. They may always keep 0.84 of the target, and half of the
-   error of the store, because less would hardly make the whole smaller, up to twice the target. */
+/* Sensors take looks until the total error equals the target. They always keep 0.84 of the target, or half of the error
+   of the store if that is more, because a smaller error of sensors would hardly reduce the total, up to twice the
+   target. */
 TEST(of_sensors_beside_the_store) {
     static const double stores[] = { 0, 0.005, 0.01, 0.02, 0.05, 0.2 };
     int i;
@@ -425,8 +426,9 @@ TEST(of_sensors_beside_the_store) {
     }
 }
 
-/* A round does not buy what hardly helps, if the target cannot be reached: what all purchases would leave is exceeded
-   by a tenth at most. If the target can be reached, a round aims at three fifths of the present error. */
+/* If the target cannot be reached, a round does not make purchases that hardly help: the remaining error is at most a
+   tenth above the error after all purchases. If the target can be reached, a round aims at three fifths of the current
+   error. */
 TEST(of_pixels_that_cannot_improve) {
     static const double hopeless[3] = { 0.3, 0.05, 0.02 }, hopeful[3] = { 0.3, 0.2, 0.45 };
     CHECK(fabs(inside_bought(0.01f, 1, hopeless) - 0.35) < 1e-9, "%g is bought of 0.37",
@@ -436,7 +438,8 @@ TEST(of_pixels_that_cannot_improve) {
     CHECK(inside_bought(0.2f, 1, hopeful) <= 0, "something is bought although the target is reached");
 }
 
-/* In each scene the predicted error is at most the target, and fits the true one as predicted_well requires. */
+/* In each scene, the predicted error is at most the target, and agrees with the true error as predicted_well
+   requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
 TEST(of_sky_through_bars) { predicted_well(bars); }
@@ -444,13 +447,13 @@ TEST(of_a_corner_under_the_sky) { predicted_well(corner); }
 TEST(of_many_lamps) { predicted_well(many_lamps); }
 TEST(of_boards_in_the_light) { predicted_well(boards); }
 
-/* SBL_CHANNEL_LOOKS tells how many looks each sensor took: one if the number of rays is fixed, and different numbers if
-   an error is asked. Pixels without a sensor have none. */
+/* SBL_CHANNEL_LOOKS holds the number of looks of each sensor: one if the number of rays is fixed, and different numbers
+   for a target error. Pixels without a sensor have 0. */
 TEST(looks_are_counted) {
     test_scene s = { 0 };
     int way;
     scene_cornell_box(&s);
-    scene_sky(&s, 1, 1, 1);  /* so that all looks trace rays over the hemisphere */
+    scene_sky(&s, 1, 1, 1);  /* makes all looks trace rays over the hemisphere */
     for (way = 0; way < 2; way++) {
         sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
         float *looks, *sensors;

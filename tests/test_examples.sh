@@ -1,5 +1,5 @@
 #!/bin/sh
-# Runs every example and checks its output; picture.c defines the checks of pictures.
+# Runs every example and checks its output. picture.c defines the checks of pictures.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -7,7 +7,8 @@ cd "$(dirname "$0")/.." || exit 1
 : "${BUILD_DIR:=build}"
 gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 
-# run NAME FOLDER ARGUMENTS...: the example must succeed without output on stderr; its stdout is in FOLDER/said
+# run NAME FOLDER ARGUMENTS...: runs an example, which must succeed without output on stderr. Its stdout is written to
+# FOLDER/said.
 run() {
     example=$1 out=$folder/$2
     shift 2
@@ -17,11 +18,11 @@ run() {
     cat "$out/said" "$out/errors"
     [ "$status" = 0 ] && [ ! -s "$out/errors" ]
 }
-# look COMMAND FILES...: checks pictures in $folder
+# look COMMAND FILES...: applies a check of picture.c to files in $folder
 look() { (cd "$folder" && ./picture "$@"); }
 
-# plain_check NAME [COMMAND...]: a check that does not run with sanitizers, because most of its time is spent in the
-# library. COMMAND: default, NAME
+# plain_check NAME [COMMAND...]: a check that does not run with sanitizers, because the library takes most of its time.
+# COMMAND is NAME by default.
 plain_check() {
     checked=$1
     [ $# = 1 ] || shift
@@ -51,7 +52,8 @@ check minimal_picture minimal_picture
 
 # >>host_context
 
-# The number of frames depends on the machine. test_steps.c counts pieces, test_gl_state.c checks the host's state.
+# The number of frames depends on the machine and is not checked. test_steps.c counts pieces, and test_gl_state.c checks
+# the GL state of the host.
 host_context_run() {
     run host_context host_context && grep -Eq 'done after [1-9][0-9]* frames' "$folder/host_context/said"
 }
@@ -67,12 +69,12 @@ host_draw_picture() {
     run host_draw with && run host_draw bare --bare && look varied with/host_draw.png 400 320 &&
         look slabs with/host_draw.png bare/host_draw.png
 }
-# without clip control in the driver, the host's shaders write their own depth
+# if the driver has no clip control, the shaders of the host write their own depth
 host_draw_writes_depth() {
     (
         export MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control
-        # gcc 12's leak checker crashes when it reads thread storage of a driver under these overrides; the runs above
-        # test for leaks
+        # The leak checker of gcc 12 crashes when it reads thread storage of a driver under these settings. The runs
+        # above test for leaks.
         export ASAN_OPTIONS="${ASAN_OPTIONS-}:detect_leaks=0"
         run host_draw old
     ) && look alike with/host_draw.png old/host_draw.png
@@ -80,7 +82,7 @@ host_draw_writes_depth() {
 check host_draw_picture host_draw_picture
 plain_check host_draw_writes_depth
 
-# >>lights: drafts, since the test is about the program
+# >>lights, with the preset draft, since only the program is tested
 
 lights_kinds='quad textured thousand_lamps sphere point spot sun sky'
 lights_run() { run lights lights draft; }
@@ -93,7 +95,7 @@ lights_differ() {
         last=$kind
     done
 }
-# penumbrae hardly depend on the preset; the discs below them show its rays
+# the penumbrae change little with the preset; the discs below them show the rays of the preset
 lights_penumbra() {
     look varied lights/penumbra_default.png 320 320 &&
         look alike lights/penumbra_default.png lights/penumbra_high.png 240
@@ -102,7 +104,7 @@ plain_check lights_run
 plain_check lights_differ
 plain_check lights_penumbra
 
-# >>reflections: a draft, since the test is about the program
+# >>reflections, with the preset draft, since only the program is tested
 
 reflections_run() {
     run reflections reflections draft && look varied reflections/reflections.png 180 120 &&
@@ -111,7 +113,7 @@ reflections_run() {
 }
 plain_check reflections_run
 
-# >>vertex_light: light that pictures show, baked to the vertices of a mesh
+# >>vertex_light: the example bakes the light of a mesh to its vertices
 
 vertex_light_run() {
     run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"
@@ -123,7 +125,8 @@ vertex_light_mesh() {
         END { print v, f, lit, bad; exit !(v == vertices && f == faces && v > 10000 && lit > v / 2 && !bad) }' \
         "$folder/vertex_light/vertex_light.ply"
 }
-# checked by eye, and by the check of the Cornell box: red left, green right, lamp on top
+# the picture was checked by eye; this check is that of the Cornell box: left side red, right side green, lamp at the
+# top
 vertex_light_picture() {
     look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png
 }
@@ -146,7 +149,7 @@ bake_lightmap_map() {
 check bake_lightmap_is_short bake_lightmap_is_short
 plain_check bake_lightmap_map
 
-# >>bake_vertices: least squares have a smaller error than averages
+# >>bake_vertices: least squares give a smaller error than averages
 
 bake_vertices_run() {
     run bake_vertices bake_vertices &&
@@ -165,14 +168,14 @@ plain_check bake_vertices_mesh
 
 # >>paper_metrics
 
-# rows FILE COLUMNS ROWS: the file has a header and ROWS rows of COLUMNS numbers above 0
+# rows FILE COLUMNS ROWS: checks that the file has a header and ROWS rows of COLUMNS positive numbers
 rows() {
     awk -F, -v columns="$2" -v rows="$3" '
         NF != columns { print "line " NR " has " NF " columns"; bad = 1 }
         NR > 1 { for (i = 1; i <= NF; i++) if ($i !~ /^[0-9.]+$/ || $i + 0 <= 0) { print "line " NR ": " $0; bad = 1 } }
         END { if (NR != rows + 1) print NR - 1 " rows"; exit bad || NR != rows + 1 }' "$folder/metrics/$1"
 }
-# rising FILE COLUMN: the column increases from row to row
+# rising FILE COLUMN: checks that the column increases from row to row
 rising() {
     awk -F, -v c="$2" '
         NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' \
@@ -186,7 +189,7 @@ metrics_plots() {
     scripts/plot_metrics "$folder/metrics" && look plot metrics/table_1.png 1 &&
     look plot metrics/figure_10.png 3 && look plot metrics/figure_11.png 3
 }
-# fails with one line that says what to install, or what is missing
+# plots_without COMMAND...: the command must fail with one line that says what is missing or how to install it
 plots_without() { ! "$@" > "$folder/errors" 2>&1 && cat "$folder/errors" && [ "$(wc -l < "$folder/errors")" = 1 ]; }
 metrics_plots_without_gnuplot() {
     plots_without env PATH=/nowhere /bin/sh scripts/plot_metrics "$folder/metrics" &&
@@ -214,9 +217,9 @@ else
 fi
 plain_check paper_metrics_plots_without_gnuplot metrics_plots_without_gnuplot
 
-# >>first pictures: sbl_render without any option but the size
+# >>first pictures: sbl_render with no option except the size
 
-# first_picture FILE BLACK: at most 5 % of the picture is white, and at most BLACK % black
+# first_picture FILE BLACK: checks that at most 5 % of the pixels are white, and at most BLACK % are black
 first_picture() {
     "$BUILD_DIR/sbl_render" "$1" --size 96x72 -o "$folder/first.png" && look exposed first.png 5 "$2"
 }
@@ -229,7 +232,7 @@ plain_check first_picture_evening first_picture examples/scenes/first/evening.ob
 plain_check first_picture_blender_sun first_picture examples/scenes/first/blender_sun.gltf 5
 plain_check first_picture_lamps first_picture examples/scenes/first/lamps.gltf 5
 
-# >>bench: tests that it works, not how fast
+# >>bench: only its operation is tested, not its speed
 
 bench_rows() {
     "$BUILD_DIR/bench" raster --quick --json > "$folder/bench.json" || return
@@ -268,7 +271,7 @@ END
 }
 plain_check bench_rooms
 
-# >>failures: an exit status that is not 0, and one line on stderr
+# >>failures: the exit status is not 0, and stderr has one line
 
 # fails_in_words PROGRAM ARGUMENTS...: the program must fail with one line on stderr
 fails_in_words() {
@@ -282,7 +285,7 @@ for example in minimal host_context host_draw lights reflections vertex_light ba
     paper_metrics; do
     without_folder() { fails_in_words "$example" "$folder/no such folder"; }
     case $example in
-        bake_lightmap | reflections) ;;  # fail after the work, with the same lines as minimal
+        bake_lightmap | reflections) ;;  # these fail only at the end, in the same lines of code as minimal
         *) plain_check "${example}_without_folder" without_folder ;;
     esac
     check "${example}_without_gl" without_gl "$example"

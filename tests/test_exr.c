@@ -1,4 +1,4 @@
-/* Tests of .exr files that examples/picture_file.h writes: OpenEXR reads the values that were written. */
+/* Tests .exr files from examples/picture_file.h: OpenEXR reads the values that were written. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
@@ -33,8 +33,8 @@ static int read_chunk(const char *path, float *values) {
     return ok;
 }
 
-/* Compressing noise of which a part is constant gives about the length of the uncompressed data, and in some of these
-   pictures exactly this length. */
+/* Compressed noise that is partly constant has about the length of the uncompressed data, and in some of these pictures
+   exactly this length. */
 TEST(noise) {
     static float written[FLOATS], got[FLOATS];
     char path[] = "/tmp/sbl_exr_XXXXXX";

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Tests of scripts/farm: what it writes and refuses, and with a real Slurm of two nodes on this machine, which the test
-# starts and ends: pictures and bakes in parts, killed nodes and processes, and parts that fail for good.
+# Tests of scripts/farm: the job files that it writes, and the arguments that it refuses. Further tests run pictures and
+# bakes in parts on a Slurm cluster of two nodes on this machine, which the tests start and end. They kill nodes and
+# processes, and run parts that always fail.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -14,7 +15,7 @@ scripts/build sbl_render sbl_bake sbl_merge > "$folder/log" 2>&1 || { cat "$fold
 small='--size 160x120 --preset draft --max-bounce-cells 2048'
 grid='--probes 4x2x4 --preset draft --max-bounce-cells 2048'
 map='--lightmap 96 --preset draft --max-bounce-cells 1024 --gutter 4'
-# map_scene FILE: writes a floor beneath a lamp, with lightmap coordinates
+# map_scene FILE: writes a scene with lightmap coordinates: a floor below a lamp
 map_scene() {
     python3 - "$1" << 'END'
 import base64, json, struct, sys
@@ -51,7 +52,7 @@ dry_run() {
     done
     [ ! -e "$folder/dry.png" ]
 }
-# a bake has no plan and its parts no --resume; only bounced light has a first part
+# a bake has no plan, and its parts have no --resume; there is a first part only with bounced light
 dry_run_of_a_bake() {
     "$farm" bake "$scene" $grid -o "$folder/dry.json" --parts 8 --seed 5 --dry-run > "$folder/out" || return
     for line in '^#SBATCH --requeue' "'--probes' '4x2x4'" "'--seed' '5'" "--store=$folder/dry.json.farm/light" \
@@ -63,7 +64,7 @@ dry_run_of_a_bake() {
         grep -q 'would submit: part none; then parts 1-4' "$folder/out" && grep -q 'parts/%05d.ply' "$folder/out" &&
         ! grep -e --store "$folder/out" && [ ! -e "$folder/dry.ply" ]
 }
-# a lightmap has a plan like a picture, and sbl_bake joins it
+# a lightmap has a plan, like a picture, and sbl_bake joins its parts
 dry_run_of_a_lightmap() {
     "$farm" bake "$scene" $map -o "$folder/dry.map" --parts 8 --dry-run > "$folder/out" || return
     for line in "--plan=$folder/dry.map.farm/plan" "--store=$folder/dry.map.farm/light" --resume 'parts/%05d.exr' \
@@ -72,14 +73,14 @@ dry_run_of_a_lightmap() {
         grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
     done
 }
-# the folder of a lightmap can be given with a slash, and its parts are beside it
+# the folder of a lightmap may be given with a slash at the end, and its parts are beside the folder
 dry_run_beside_a_folder() {
     "$farm" bake "$scene" $map -o "$folder/slash/" --parts 8 --memory 4G --dry-run > "$folder/out" &&
         [ -d "$folder/slash.farm/parts" ] && [ ! -e "$folder/slash" ] && grep -q -e '--memory=3276M' "$folder/out" &&
         "$farm" --resume "$folder/slash/" --dry-run | grep -q 'would submit: part 1; then parts 2-8' &&
         "$farm" bake "$scene" --help | grep -q '^usage'
 }
-# what the job files say is what a shell runs, also if names contain spaces and quotes
+# a shell reads the names in the job files correctly, also if they contain spaces and quotes
 names_are_quoted() {
     odd="$folder/it's an odd name"
     mkdir -p "$odd" && cp "$scene" "$odd/a room.obj" &&
@@ -89,7 +90,7 @@ names_are_quoted() {
         SLURM_ARRAY_TASK_ID=2 sh "$odd/the picture.exr.farm/parts.sbatch" &&
         sh "$odd/the picture.exr.farm/merge.sbatch" && [ -s "$odd/the picture.exr" ]
 }
-# refuses STATUS WORDS ARGUMENTS...
+# refuses STATUS WORDS ARGUMENTS...: the call must fail with this status and a message that contains the words
 refuses() {
     status=$1 words=$2 got=0
     shift 2
@@ -120,7 +121,8 @@ check dry_run_of_a_lightmap dry_run_of_a_lightmap
 check dry_run_beside_a_folder dry_run_beside_a_folder
 check names_are_quoted names_are_quoted
 check wrong_usage wrong_usage
-# 64 parts of 1000 s that have nothing in common and start at once: the more workers, the faster, up to one a part
+# The model of a farm with 64 parts of 1000 s without common work: each worker adds speed, up to one worker per part. If
+# all work is common, one worker is best.
 model_of_a_farm() {
     { printf '0\n0\n0\n'; yes 1000 | head -n 64; } > "$folder/even.times"
     scripts/bench_farm "$folder/even.times" --size 100000x100000 --startup 0 > "$folder/out" &&
@@ -148,7 +150,7 @@ end_slurm() {
     for id in $processes; do kill "$id" 2> /dev/null; done
 }
 trap 'end_slurm; sleep 1; rm -rf "$folder"' EXIT
-trap 'exit 1' HUP INT TERM  # so that a test that is stopped ends Slurm, too
+trap 'exit 1' HUP INT TERM  # if the test is stopped, Slurm ends, too
 slurm=$folder/slurm
 export SLURM_CONF="$slurm/slurm.conf"
 start_node() { slurmd -f "$SLURM_CONF" -N "$1"; }
@@ -194,7 +196,7 @@ END
     sinfo
     return 1
 }
-# wait_for COMMAND...: until the command succeeds, at most ten minutes
+# wait_for COMMAND...: waits until the command succeeds, for at most ten minutes
 wait_for() {
     turns=0
     until "$@"; do
@@ -205,7 +207,8 @@ wait_for() {
 }
 nothing_runs() { [ -z "$(squeue -h -t pending,running,completing,configuring -o '%i %r' |
     grep -v DependencyNeverSatisfied)" ]; }
-# alone FOLDER N: makes the N parts of a farm again, without Slurm, with its plan and light, and compares them
+# alone FOLDER N: makes the N parts of a farm again without Slurm, with its plan and bounced light, and checks that the
+# files are equal
 alone() {
     k=1
     while [ "$k" -le "$2" ]; do
@@ -216,7 +219,7 @@ alone() {
         k=$((k + 1))
     done
 }
-# nodes_used: prints how many jobs each node has started, one a line
+# nodes_used: prints the number of jobs that each node has started, one number per line
 nodes_used() { ls "$slurm"/slurmd.n?.log | while read -r log; do grep -c 'Launching batch job' "$log"; done; }
 
 picture_in_parts() {
@@ -226,7 +229,7 @@ picture_in_parts() {
     alone "$folder/a.png" 8 &&
         build/sbl_merge "$folder/a.png.farm/parts" -o "$folder/again.png" && cmp "$folder/a.png" "$folder/again.png"
 }
-# a bake in parts on the cluster gives the same file as a bake without parts, and every node takes part
+# a bake in parts on the cluster gives the same file as a bake without parts, and every node runs a part
 bake_in_parts() {
     nodes_used > "$folder/before"
     "$farm" bake "$scene" $grid -o "$folder/p.json" --parts 8 && wait_for nothing_runs || return
@@ -234,16 +237,16 @@ bake_in_parts() {
         { cat "$folder"/p.json.farm/logs/*; return 1; }
     ! nodes_used | paste -d ' ' "$folder/before" - | grep -qx '\(.*\) \1' || { echo 'one node was not used'; return 1; }
 }
-# the parts of a lightmap are those that one node bakes, and they are joined to one map
+# the parts of a lightmap equal those that are made without Slurm, and they are joined to one map
 map_in_parts() {
     map_scene "$folder/map.gltf" &&
         "$farm" bake "$folder/map.gltf" $map -o "$folder/m" --parts 8 && wait_for nothing_runs || return
     [ -s "$folder/m/atlas.exr" ] && [ -s "$folder/m/scene.gltf" ] || { cat "$folder"/m.farm/logs/*; return 1; }
     alone "$folder/m" 8
 }
-# has_part N: whether any part but the first is finished
+# has_parts FOLDER N: succeeds if at least N parts are finished
 has_parts() { [ "$(ls "$1.farm/parts" 2> /dev/null | grep -c exr)" -ge "$2" ]; }
-# a node dies with what runs on it, and a part's process is killed: both parts are made again
+# a node dies with its processes, and the process of a part is killed: both parts are made again
 kill_node() {
     id=$(cat "$slurm/slurmd.n2.pid")
     kill -9 "$id"
@@ -264,7 +267,8 @@ node_and_process_die() {
     [ -s "$folder/b.exr" ] || { sacct 2> /dev/null; tail -n 3 "$folder"/b.exr.farm/logs/*; return 1; }
     alone "$folder/b.exr" 10
 }
-# the scene disappears after the first part: the merge does not run, the user is told, and a cure helps
+# if the scene disappears after the first part, the merge does not run, and the user gets a message; when the scene is
+# there again, the suggested command completes the picture
 fails_for_good() {
     "$farm" render "$scene" -o "$folder/c.exr" $small --parts 4 --dry-run > /dev/null &&
         SLURM_ARRAY_TASK_ID=1 sh "$folder/c.exr.farm/parts.sbatch" || return

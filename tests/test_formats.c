@@ -1,5 +1,5 @@
-/* Tests of the formats of lightmaps (sbl_bake --formats) and of scene_lit.glb: what they hold, what they do with values
-   beyond their range, and what is left after a failure. test_engines.sh loads them into three.js. */
+/* Tests the formats of lightmaps (sbl_bake --formats) and scene_lit.glb: their content, values beyond their range, and
+   the files left after a failure. test_engines.sh loads them into three.js. */
 #define _GNU_SOURCE
 #include "../sbl.h"
 #include "../examples/picture_file.h"
@@ -24,7 +24,7 @@ static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f,
   #define IF_EXR(list) list
 #endif
 
-/* ---- what formats hold ---- */
+/* ---- the content of formats ---- */
 
 /* Draws the room by host_lightmap with a map in a folder of its own. Returns the picture. */
 static picture draw_with(const char *baked) {
@@ -40,7 +40,7 @@ static picture draw_with(const char *baked) {
     return none;
 }
 
-/* Returns the largest difference of two pictures, as a share of the first, where that is not dark. */
+/* Returns the largest difference between two pictures, relative to the first, where that is not dark. */
 static double worst_share(const picture *a, const picture *b) {
     double worst = a->values && b->values ? 0 : 1e30;
     int i;
@@ -81,7 +81,7 @@ TEST(all_formats_hold_the_light) {
     free(truth.values);
 }
 
-/* A folder may hold maps of several bakes: host_lightmap draws the newest. */
+/* If a folder holds maps of several bakes, host_lightmap draws the newest. */
 TEST(the_newest_map_is_drawn) {
     picture before, after;
     write_scene("room.gltf", apart, 1);
@@ -94,7 +94,7 @@ TEST(the_newest_map_is_drawn) {
     free(after.values);
 }
 
-/* Harmonics are written where there is room for their signs. */
+/* Harmonics are written in the formats that can store negative values. */
 TEST(harmonics_have_signs) {
     write_scene("room.gltf", apart, 1);
     CHECK(TOOL(DIRECT, "--directional", "--formats", "hdr,rgbm", "-o", "no") == 2 && said("hold no negative numbers") &&
@@ -122,7 +122,7 @@ TEST(wrong_formats_are_refused) {
           "%s", ran.err);
 }
 
-/* The brightest colour of a texel of rgbm is as exact as a byte can be. */
+/* The brightest colour of an rgbm texel is as precise as a byte allows. */
 TEST(rgbm_keeps_the_brightest) {
     int i;
     for (i = 0; i < 200; i++) {
@@ -139,7 +139,7 @@ TEST(rgbm_keeps_the_brightest) {
 enum { WIDTH = 4, STRANGE = 12 };
 static const float strange[STRANGE] = { NAN, INFINITY, -INFINITY, 1e30f, -3, 65519, 0, 1, 0.5f, 0, 0, 0 };
 
-/* Writes a map of four texels in a format to a file, and reads the file. Returns its size. */
+/* Writes a map of four texels in a format to a file, and reads the bytes of the file. Returns its size. */
 static size_t written(map_format format, int exact, unsigned char *bytes, size_t room) {
     float values[STRANGE];
     image map = { WIDTH, 1, 3, values, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
@@ -153,7 +153,7 @@ static size_t written(map_format format, int exact, unsigned char *bytes, size_t
     return size;
 }
 
-/* No file holds infinities or anything that is not a number; signs and what fits stay. */
+/* No file holds infinities or NaN; signs and values within the range are kept. */
 TEST(strange_values_become_finite) {
     static const unsigned halves[STRANGE] = { 0, 0x7bff, 0xfbff, 0x7bff, 0xc200, 0x7bff, 0, 0x3c00, 0x3800, 0, 0, 0 };
     unsigned char bytes[4096], *pixels;
@@ -200,7 +200,7 @@ static unsigned number_at(const unsigned char *bytes, size_t at) {
     return bytes[at] | (unsigned)bytes[at + 1] << 8 | (unsigned)bytes[at + 2] << 16 | (unsigned)bytes[at + 3] << 24;
 }
 
-/* The descriptor of a .ktx2 tells for each channel its bits, what it is, and its range: Khronos Data Format 1.3. */
+/* The descriptor of a .ktx2 gives the bits, the meaning and the range of each channel (Khronos Data Format 1.3). */
 TEST(ktx2_describes_its_channels) {
     enum { OFFSET = 48, SAMPLES = 28, SAMPLE = 16, SIGNED_FLOAT = 0xc0, ALPHA = 15 };
     unsigned char bytes[4096];
@@ -216,8 +216,8 @@ TEST(ktx2_describes_its_channels) {
     }
 }
 
-/* The picture of a lit scene shows glass as transparent by 0.9 of what passes. Highlights lower the exposure by at most
-   1.5 stops. */
+/* The texture of a lit scene shows glass as transparent by 0.9 of its transmission. Highlights lower the exposure by at
+   most 1.5 stops. */
 TEST(glass_is_transparent_in_lit_scenes) {
     static float light[3] = { 1, 1, 1 }, shown[100];
     static const float at[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, uv[6] = { -1, -1, 3, -1, -1, 3 };
@@ -255,7 +255,7 @@ TEST(glass_is_transparent_in_lit_scenes) {
           lit__excess(shown, 100, -3));
 }
 
-/* A map that is too bright for 16-bit floats is lowered and finite, and the message says how to keep it. */
+/* Values that are too large for 16-bit floats are lowered to finite ones, and a message says how to keep them. */
 TEST(too_bright_is_said) {
     picture light;
     write_scene("room.gltf", apart, 1);
@@ -271,7 +271,7 @@ TEST(too_bright_is_said) {
 
 /* ---- failures ---- */
 
-/* A disk that is too full for a file leaves no part of it, in any format. */
+/* If the disk is too full for a file, no part of it is left, in any format. */
 TEST(a_full_disk_leaves_nothing) {
     static const char *const formats[] = { "hdr", "rgbm", "ktx2", EXACT };
     char files[2][64];
@@ -296,7 +296,7 @@ TEST(a_full_disk_leaves_nothing) {
     }
 }
 
-/* Files that cannot be written are known before the work. */
+/* Files that cannot be written are reported before the work. */
 TEST(what_is_in_the_way_is_known_before) {
     write_scene("room.gltf", apart, 1);
     mkdir(in_folder("way"), 0777);
@@ -309,9 +309,9 @@ TEST(what_is_in_the_way_is_known_before) {
           ran.err);
 }
 
-/* ---- parts ---- */
+/* ---- joining parts ---- */
 
-/* Parts are .exr files; --join writes the formats. sbl_merge refuses parts of a map. */
+/* Parts are .exr files, and --join writes the chosen formats. sbl_merge refuses parts of a map. */
 TEST(joined_maps_have_formats) {
 #ifdef SBL_RENDER_OPENEXR
     write_scene("room.gltf", apart, 1);
@@ -333,7 +333,7 @@ TEST(joined_maps_have_formats) {
 
 /* ---- scene_lit.glb ---- */
 
-/* Reads a file of the folder. The caller frees the bytes. */
+/* Reads a file in the folder of the test. The caller frees the bytes. */
 static unsigned char *bytes_of(const char *name, size_t *size) {
     FILE *in = fopen(in_folder(name), "rb");
     unsigned char *bytes = NULL;
@@ -353,8 +353,8 @@ static double linear_of(double byte) {
     return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
 }
 
-/* Returns the largest difference of the floor in a picture of the map's size from albedo times light, one stop darker
-   and tone-mapped; 1 if too little of it is seen. */
+/* Returns the largest difference between the floor in a picture of the size of the map and albedo times light, one stop
+   darker and tone-mapped; 1 if too little of the floor is visible. */
 static double worst_of_floor(const unsigned char *rgb, const picture *light) {
     double worst = 0;
     int x, y, k, seen = 0;
@@ -378,8 +378,8 @@ static double worst_of_floor(const unsigned char *rgb, const picture *light) {
     return seen > 1000 ? worst : 1;
 }
 
-/* The texture shows albedo times light, exposed, tone-mapped and encoded; the lamp is white; both sets of texture
-   coordinates are those of the map. */
+/* The texture shows albedo times light, exposed, tone-mapped and encoded. The lamp is white. Both sets of texture
+   coordinates equal those of the map. */
 TEST(a_lit_scene_shows_the_light) {
     size_t size, at = 0;
     unsigned char *bytes, *png;

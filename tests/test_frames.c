@@ -1,4 +1,4 @@
-/* Tests of picture sequences: sbl_render --cameras, --frames and --fps. */
+/* Tests picture sequences: sbl_render --cameras, --frames and --fps. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -10,7 +10,7 @@
 #define VIEW "room.obj", LOOK
 #define FIVE VIEW, "--cameras", "five.json"
 
-/* Writes a text, with every ' replaced by ". */
+/* Writes a text in which every ' is replaced by ". */
 static void write_json(const char *name, const char *text) {
     char *copy = strdup(text), *c;
     for (c = copy; *c; c++) if (*c == '\'') *c = '"';
@@ -18,7 +18,8 @@ static void write_json(const char *name, const char *text) {
     free(copy);
 }
 
-/* Writes the room and a file of five cameras: the floor is bright in the first, and less of it is seen in each. */
+/* Writes the room and a file of five cameras. The floor is bright in the first picture, and each later camera sees less
+   of it. */
 static void begin(void) {
     room_obj();
     write_json("five.json", "{'cameras': [\n"
@@ -34,16 +35,16 @@ static int has_cjson(void) {
     return !(TOOL(FIVE, "--frames", "1", "-o", "probe%d.pfm") == 1 && said("cJSON"));
 }
 
-/* Returns the exposure that --verbose says, in hundredths of a stop. */
+/* Returns the exposure that --verbose prints, in hundredths of a stop. */
 static int exposure(void) {
     const char *words = strstr(ran.err, "exposure: ");
     return words ? (int)lround(100 * atof(words + 10)) : -100000;
 }
 
-/* ---- cameras of a file ---- */
+/* ---- cameras from a file ---- */
 
-/* Each frame is the picture that the options for its camera make, to the bit; --fov and --up are for cameras that do
-   not say. */
+/* Each frame equals, to the bit, the picture with the options for its camera. --fov and --up apply to cameras that do
+   not state them. */
 TEST(cameras_are_those_of_the_options) {
     if (!has_cjson()) SKIP("built without cJSON");
     CHECK(TOOL(FIVE, "-o", "f%d.pfm") == 0 && !ran.err[0], "%s", ran.err);
@@ -62,8 +63,8 @@ TEST(cameras_are_those_of_the_options) {
     CHECK(!exists("g0003.pfm") && !parts_left(), "too many files");
 }
 
-/* A frame has the same bits, and the same exposure, whichever other frames a run makes: in light that is stored, and
-   in the light of a studio, which depends on a camera. */
+/* A frame has the same bits and the same exposure, whichever other frames a run renders: with stored light, and with
+   the light of a studio, which depends on a camera. */
 TEST(frames_do_not_depend_on_each_other) {
     if (!has_cjson()) SKIP("built without cJSON");
     write_text("dark.mtl", "newmtl floor\nKd .7 .5 .3\nnewmtl lamp\nKd .1 .1 .1\n");
@@ -79,7 +80,8 @@ TEST(frames_do_not_depend_on_each_other) {
           "the light of a studio differs: %s", ran.err);
 }
 
-/* The exposure of frame 1 is that of all frames, although frame 5 alone would have another; a given one is kept. */
+/* All frames use the automatic exposure of frame 1, even if frame 5 alone would get another. An explicit --exposure
+   overrides it. */
 TEST(exposure_does_not_flicker) {
     int first, fifth, alone;
     if (!has_cjson()) SKIP("built without cJSON");
@@ -98,9 +100,9 @@ TEST(exposure_does_not_flicker) {
                "--exposure", "1.5") == 0 && same_files("o.png", "g5.png"), "%s", ran.err);
 }
 
-/* Parts are contiguous shares of the frames. */
+/* Parts are contiguous ranges of frames. */
 TEST(parts_share_the_frames) {
-    static const char made[3][6] = { "10000", "11100", "11111" };  /* which frames exist after parts 1, 2 and 3 */
+    static const char made[3][6] = { "10000", "11100", "11111" };  /* the frames that exist after parts 1, 2 and 3 */
     char part[16], name[16];
     int k, i;
     if (!has_cjson()) SKIP("built without cJSON");
@@ -136,7 +138,8 @@ TEST(windows_of_frames) {
           same_files("w1.png", "v1.png"), "%s", ran.err);
 }
 
-/* Frames that are made window by window go on after they were killed; finished frames are not made again. */
+/* Frames that are rendered in windows can be continued after the tool was killed; finished frames are not rendered
+   again. */
 TEST(large_frames_go_on) {
 #define LARGE FIVE, "--size", "640x400", "--memory", "64M", "--frames"
     const char *const arguments[] = { LARGE, "1-2", "-o", "l%d.exr", NULL };
@@ -159,7 +162,7 @@ TEST(large_frames_go_on) {
           !exists("l2.exr.parts"), "%s", ran.err);
 }
 
-/* Statistics are sums over the frames. */
+/* The statistics are sums over the frames. */
 TEST(statistics_are_sums) {
     char text[3][8192];
     double sensors[3], pixels[3];
@@ -177,9 +180,9 @@ TEST(statistics_are_sums) {
           "sensors: %g and %g, together %g", sensors[0], sensors[1], sensors[2]);
 }
 
-/* ---- what cannot be ---- */
+/* ---- errors ---- */
 
-/* Files of cameras that are wrong are refused in one line, which names the file, the camera and the key. */
+/* Wrong camera files are refused in one line that names the file, the camera and the key. */
 TEST(wrong_cameras_are_refused) {
 #define EYE "'eye': [0, 1, 3]"
 #define GOOD "{" EYE ", 'look_at': [0, 0, 0]}"
@@ -231,7 +234,8 @@ TEST(wrong_cameras_are_refused) {
     CHECK(!parts_left(), "files are left");
 }
 
-/* Files that are made to do harm: deep, huge, cut off anywhere, with zero bytes; and what is no file at all. */
+/* Hostile files are refused: deeply nested, huge, truncated anywhere, with zero bytes, and names that are not regular
+   files. */
 TEST(hostile_cameras_are_refused) {
     const size_t large = (16 << 20) + 1;
     char *text = (char *)malloc(large), whole[1024];
@@ -267,7 +271,7 @@ TEST(hostile_cameras_are_refused) {
     CHECK(HOSTILE(".") && said("directory"), "%s", ran.err);
 }
 
-/* Options that do not fit. */
+/* Contradictory options are refused. */
 TEST(options_that_cannot_be) {
     static const char *const ranges[] = { "0", "0-2", "3-2", "a", "1-", "-1", "1-2x", "1,2", "1-100001",
         "99999999999999999999", "4-6", "" };
@@ -299,7 +303,7 @@ TEST(options_that_cannot_be) {
     }
 }
 
-/* A frame that cannot be written ends the run; the frames before it stay. */
+/* A frame that cannot be written ends the run; earlier frames remain. */
 TEST(a_frame_that_cannot_be_written_ends_the_run) {
     if (!has_cjson()) SKIP("built without cJSON");
     mkdir(in_folder("n3.pfm"), 0777);
@@ -307,7 +311,7 @@ TEST(a_frame_that_cannot_be_written_ends_the_run) {
     CHECK(exists("n1.pfm") && exists("n2.pfm") && !exists("n4.pfm") && !parts_left(), "other files than expected");
 }
 
-/* After a signal the finished frames stay; the message says how to make the rest. */
+/* After a signal, the finished frames remain, and the message says how to render the rest. */
 TEST(interrupted_sequences_go_on) {
     enum { FRAMES = 300 };
     const char *const arguments[] = { VIEW, "--cameras", "many.json", "-o", "i%d.pfm", NULL };
@@ -347,10 +351,10 @@ TEST(interrupted_sequences_go_on) {
 
 /* ---- animated cameras ---- */
 
-static float last_key = 1;  /* seconds */
+static float last_key = 1;  /* in seconds */
 
-/* Writes scene.gltf and scene.bin: a floor that emits, and a camera below a node. The file animates the `path` of the
-   node, from one value at 0 s to another at last_key. count: numbers of a value, times 3 for CUBICSPLINE. */
+/* Writes scene.gltf and scene.bin: an emitting floor, and a camera below a node. An animation changes the `path` of the
+   node from one value at 0 s to another at last_key. count: numbers per value, times 3 for CUBICSPLINE */
 static void animated(const char *path, const char *interpolation, int count, const float from[], const float to[]) {
     static const float floor_corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
     static const uint32_t indices[6] = { 0, 1, 2, 0, 2, 3 };
@@ -385,7 +389,7 @@ static void animated(const char *path, const char *interpolation, int count, con
 
 #define MOVING "scene.gltf", LOOK, "--channel", "position"
 
-/* Returns the greatest difference of the positions that two pictures show; a negative number if they cannot be read. */
+/* Returns the greatest difference of the positions in two pictures; negative if they cannot be read. */
 static double difference(const char *a, const char *b) {
     picture p = read_pfm(a), q = read_pfm(b);
     double most = 0;
@@ -398,7 +402,7 @@ static double difference(const char *a, const char *b) {
     return most;
 }
 
-/* Frame n shows what the camera sees at (n - 1) / fps seconds, between the keys, at them, and after the last. */
+/* Frame n shows the view of the camera at (n - 1) / fps seconds: between the keys, at them, and after the last. */
 TEST(an_animated_camera_moves) {
     static const float zero[3] = { 0, 0, 0 }, right[3] = { 2, 0, 0 };
     static const struct { const char *file, *eye, *at; } moments[] = {
@@ -427,14 +431,14 @@ TEST(an_animated_camera_moves) {
     animated("translation", "STEP", 3, zero, right);
     CHECK(TOOL(MOVING, "--frames", "1-25", "-o", "s%d.pfm") == 0 && same_files("m1.pfm", "s24.pfm") &&
           same_files("m25.pfm", "s25.pfm"), "steps: %s", ran.err);
-    last_key = 1 / 24.0f;  /* rounding makes it later than that */
+    last_key = 1 / 24.0f;  /* rounding moves the key to a later time */
     animated("translation", "STEP", 3, zero, right);
     CHECK(TOOL(MOVING, "--frames", "2", "-o", "s%d.pfm") == 0 && same_files("m25.pfm", "s2.pfm"),
           "a step comes late: %s", ran.err);
     last_key = 1;
 }
 
-/* A node that turns carries the camera below it around, the shorter way and evenly. */
+/* A rotating node carries the camera below it along the shorter arc, at a constant rate. */
 TEST(an_animated_camera_turns) {
     static const float zero[4] = { 0, 0, 0, 1 }, turned[4] = { 0, -0.70710678f, 0, -0.70710678f };  /* 90 degrees */
     if (!has_cjson()) SKIP("built without cJSON");
@@ -450,7 +454,7 @@ TEST(an_animated_camera_turns) {
           ran.err);
 }
 
-/* What cannot be read is refused. */
+/* Unsupported animations are refused. */
 TEST(animations_that_cannot_be) {
     static const float spline[9] = { 0 };
     static const float zero[3] = { 0, 0, 0 }, nowhere[3] = { NAN, INFINITY, 1e30f };

@@ -1,6 +1,6 @@
-/* A bounded, repeatable run of the fuzz target (fuzz/fuzz.c): first the inputs of tests/fuzz/corpus, which are small,
-   reach nearly all code that a long run reached, and include each mistake that was found and important orders of calls;
-   then random bytes. build/test_fuzz FILE... runs these files instead. */
+/* A bounded, repeatable run of the fuzz target (fuzz/fuzz.c). First it runs the corpus in tests/fuzz/corpus: small
+   inputs that cover nearly all code reached by a long run, including a reproducer for each bug found and important call
+   sequences. Then it runs random bytes. `build/test_fuzz FILE...` runs only the given files. */
 #include "fuzz/fuzz.c"
 
 static unsigned char input[4096];
@@ -16,7 +16,7 @@ static int run_file(const char *path) {
     return fuzz_failures == before;
 }
 
-/* Runs the corpus. Its files are numbered without gaps. */
+/* Runs the corpus, whose files are numbered without gaps. */
 TEST(corpus) {
     char path[64];
     int number;
@@ -35,7 +35,7 @@ TEST(corpus) {
           fuzz_counts.out_of_memory);
 }
 
-/* Calls with random parameters, some of them truncated. In between, a valid scene is set. */
+/* Makes calls with random parameters, some of them truncated. In between, a valid scene is set. */
 TEST(random_bytes) {
     uint32_t state = 12345;
     int round, i;
@@ -57,7 +57,7 @@ TEST(random_bytes) {
           fuzz_counts.pictures, fuzz_counts.gathers);
 }
 
-/* Bakes of all kinds, which replace each other, with the valid scene and with random ones. */
+/* Runs bakes of all kinds, which replace each other, with the valid scene and with random ones. */
 TEST(random_bakes) {
     uint32_t state = 777;
     int round, i;

@@ -1,5 +1,5 @@
-/* Tests of sbl_gather_readings. At the site of a pixel it must find the pixel's light, to the bit, because pictures use
-   the same measurement. At other sites it is compared with closed forms. */
+/* Tests sbl_gather_readings. At the site of a pixel, the reading equals the light of the pixel to the bit, because
+   pictures use the same measurement. At other sites, readings are compared with closed forms. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -34,7 +34,7 @@ static sbl_reading reading_at(sbl_site site, int rays) {
     return r;
 }
 
-/* >>against pictures */
+/* >>comparison with pictures */
 
 enum { WIDTH = 32, HEIGHT = 24, PIXELS = WIDTH * HEIGHT };
 
@@ -57,7 +57,7 @@ static sbl_readings_desc gather_as(const sbl_picture_desc *view, const sbl_site 
     return desc;
 }
 
-/* Readings at the sites of a picture's sensors equal the picture's R, in all modes and back ends. */
+/* Readings at the sites of the sensors of a picture equal its R, in all modes and back ends. */
 TEST(finds_what_the_picture_found) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[] = {
         { SBL_MODE_DIRECT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE },
@@ -78,7 +78,7 @@ TEST(finds_what_the_picture_found) {
         REQUIRE(radiance, "no radiance");
         for (i = 0; i < PIXELS; i++) {
             sbl_sensor sensor;
-            sites[i] = site_of(278, 100, 278, 0, 1, 0);  /* a placeholder for pixels that show nothing */
+            sites[i] = site_of(278, 100, 278, 0, 1, 0);  /* a placeholder for pixels that show no surface */
             if (sbl_inspect_sensor(context, i % WIDTH, i / WIDTH, &sensor, NULL, NULL, 0) == SBL_SUCCESS) {
                 sites[i] = sensor.site;
                 shown++;
@@ -94,7 +94,7 @@ TEST(finds_what_the_picture_found) {
         }
         CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w,
               close, shown);
-        /* rasterised views are elsewhere in the view texture, and round differently */
+        /* rasterised views have other places in the view texture, and round differently */
         if (view.options.backend == SBL_BACKEND_TRACE)
             CHECK(same == shown, "way %d: %d of %d readings equal the picture's R to the bit", w, same, shown);
         CHECK(lit > PIXELS / 4, "way %d: %d pixels are lit", w, lit);
@@ -109,9 +109,9 @@ TEST(finds_what_the_picture_found) {
     scene_free(&s);
 }
 
-/* >>against closed forms */
+/* >>comparison with closed forms */
 
-/* R of an open sky and of point lights has its closed form, and an empty scene has no hits. */
+/* R of an open sky and of point lights equals the closed form, and an empty scene has no hits. */
 TEST(sky_and_lights) {
     test_scene s = { 0 };
     sbl_light *light;
@@ -142,7 +142,7 @@ TEST(sky_and_lights) {
     scene_free(&s);
 }
 
-/* A site above the centre of a disc of angular radius t, at height h: the disc's cosine-weighted share of the
+/* A site is above the centre of a disc of angular radius t, at the height h. The disc's cosine-weighted share of the
    hemisphere is sin^2 t, and the mean distance over it is 2 h / (1 + cos t). */
 TEST(distances_to_a_disc) {
     static const double angles[] = { 20, 45, 70, 85 };
@@ -171,13 +171,13 @@ TEST(distances_to_a_disc) {
     }
 }
 
-/* R of a quad lamp above agrees with Lambert's formula, also if a wall hides half of it. The noise is 0 without a
-   shadow, and fits the error with one. */
+/* R of a quad lamp above agrees with Lambert's formula, also if a wall hides half of the lamp. The noise is 0 without a
+   shadow, and agrees with the error with one. */
 TEST(lamps_and_noise) {
     test_scene s = { 0 };
     sbl_reading r;
     int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 3, 3);
-    /* four corners of a x a: Howell, B-4 */
+    /* four corners of a x a (Howell, B-4) */
     double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / SCENE_PI;
     scene_quad(&s, lamp, -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
     scene_floor(&s, grey, 0, 4);
@@ -185,7 +185,7 @@ TEST(lamps_and_noise) {
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
     CHECK(fabs(r.radiance[0] / (3 * form) - 1) < 1e-4, "R is %.7g, expected %.7g", (double)r.radiance[0], 3 * form);
     CHECK(r.noise < 1e-4f * r.radiance[0], "the lamp is not occluded, but the noise is %g", (double)r.noise);
-    /* few rays; they find no light, but they measure the distance to the floor */
+    /* few rays, which find no light but measure the distance to the floor */
     r = reading_at(site_of(0, 0.25f, 0, 0, -1, 0), 0);
     CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "the share of the floor is %g, its distance %g",
           (double)r.hit_share, (double)r.hit_min);
@@ -202,7 +202,7 @@ TEST(lamps_and_noise) {
 
 /* >>sites */
 
-/* The length of a site's normal does not change the reading. */
+/* The length of the normal of a site does not change the reading. */
 TEST(normals_of_any_length) {
     test_scene s = { 0 };
     sbl_site site = site_of(300, 0, 200, 0, 1, 0);
@@ -221,7 +221,7 @@ TEST(normals_of_any_length) {
     scene_free(&s);
 }
 
-/* A closed box floats above the floor. A sensor whose offset is larger than the gap is inside of the box. */
+/* A closed box floats above the floor. A sensor whose offset is larger than the gap is inside the box. */
 TEST(offsets_and_validity) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
@@ -258,8 +258,8 @@ TEST(offsets_and_validity) {
 }
 
 /* Two infinite black walls meet in a corner under a constant sky. Between them, R is a quarter. A wall whose plane
-   contains the sensor hides nothing: R is three quarters in one wall's plane, and 1 in the corner itself. Such a wall
-   projects to a line and must not be drawn into the sensor's other views. */
+   contains the sensor hides nothing: R is three quarters in the plane of one wall, and 1 in the corner itself. Such a
+   wall projects to a line and must not be drawn into the other views of the sensor. */
 TEST(in_the_planes_of_walls) {
     enum { SITES = 600 };
     static sbl_site sites[SITES];
@@ -309,7 +309,7 @@ static void floor_sites(sbl_site *sites, int count) {
 
 static int stops_at(float done, void *user) { return done >= *(float *)user; }
 
-/* Slices do not change readings; cancelled, ended and abandoned gathers leave no traces. */
+/* Slices do not change readings. Cancelled, ended and abandoned gathers leave no traces. */
 TEST(slices_cancel_and_end) {
     enum { COUNT = 3000 };
     static sbl_site sites[COUNT];
@@ -371,7 +371,7 @@ TEST(slices_cancel_and_end) {
     scene_free(&s);
 }
 
-/* Work that a change of the scene drops does not look finished because a finished picture stays. */
+/* Work that a change of the scene has dropped is not reported as finished because a finished picture remains. */
 TEST(dropped_work_is_not_done) {
     static sbl_site sites[3000];
     static sbl_reading readings[3000];
@@ -395,8 +395,8 @@ TEST(dropped_work_is_not_done) {
     scene_free(&s);
 }
 
-/* A gather continues after each inspection of a sensor, even if the inspection runs out of memory, and the inspected
-   sensor is the same as without the gather. */
+/* A gather continues after each inspection of a sensor, even if the inspection runs out of memory. The inspected sensor
+   is the same as without the gather. */
 TEST(inspection_in_between) {
     enum { COUNT = 40 };
     static sbl_site sites[COUNT];
@@ -482,7 +482,7 @@ done:
 
 /* >>mistakes and lack of memory */
 
-/* Invalid descriptors, NULL and calls without a scene are refused and write nothing. */
+/* Invalid descriptors, NULL and calls without a scene are refused, and nothing is written. */
 TEST(mistakes) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
@@ -539,7 +539,7 @@ static sbl_result gather_call(const void *desc) {
     return sbl_gather_readings(context, (const sbl_readings_desc *)desc);
 }
 
-/* Fails each allocation once, in turn. The gather must fail with a message and leak nothing, and the next one must be
+/* Makes each allocation fail once, in turn. The gather fails with a message and leaks nothing, and the next gather is
    right. */
 TEST(memory_runs_out) {
     enum { COUNT = 300 };

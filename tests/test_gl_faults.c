@@ -1,6 +1,6 @@
-/* Tests of failures of GL and of the allocator, simulated at every place where they can happen. Each must give the
-   right result and a message, leak nothing and restore GL's state, and the context must render the same picture as
-   before afterwards. SBL_SUCCESS with another picture is never allowed. */
+/* Tests failures of GL and of the allocator, simulated at every place where they can happen. Each failure must give the
+   right result and a message, leak nothing and restore the GL state, and afterwards the context must render the same
+   picture as before. SBL_SUCCESS with another picture is never allowed. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -11,15 +11,15 @@
 #include "support/gl_state.h"
 #include "support/gl_fake.h"
 
-enum { MOST_PLACES = 2000 };  /* a loop over places that reaches this number does not end */
+enum { MOST_PLACES = 2000 };  /* a loop over places that reaches this number is considered endless */
 
 static watch seen;
 static gl_state before, after;
-static test_scene scene, second;   /* second: the small scene with a box moved */
+static test_scene scene, second;   /* second: the small scene with one box moved */
 static GLuint buffer, texture;
 static small_picture expected, expected_moved;
 static float bounds[2][3];
-/* moves a mesh out of the scene's bounds */
+/* moves a mesh out of the bounds of the scene */
 static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.2f, 1 };
 
 static sbl_context_desc faulty_desc(void) {
@@ -36,7 +36,7 @@ static void scenes_make(void) {
         1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2 };
     sbl_mesh *m;
     small_scene(&scene);
-    /* duplicate triangles, which the hierarchy removes in an additional step that can fail */
+    /* duplicate triangles; the hierarchy removes them in an additional step that can fail */
     scene_mesh(&scene, 0, corners, NULL, NULL, 3, copies, 3 * 12);
     gl.GenBuffers(1, &buffer);
     gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
@@ -57,7 +57,7 @@ static void scenes_make(void) {
     memcpy(second.meshes[SMALL_BOX].transform, moved, sizeof moved);
 }
 
-/* >>the calls that can fail; before each, all earlier calls have succeeded */
+/* >>phases: calls that can fail; all calls before them have succeeded */
 
 typedef enum phase {
     PHASE_SCENE,
@@ -88,7 +88,7 @@ static sbl_reading readings[SITES], expected_readings[SITES];
 static sbl_result small_gather(sbl_context *context) {
     static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
         { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
-                                           /* the last site is inside of the box and faces out */
+                                           /* the last site is inside the box and faces out */
                                            { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };
     const sbl_picture_desc view = small_view();
     sbl_readings_desc desc;
@@ -104,7 +104,7 @@ static sbl_result small_gather(sbl_context *context) {
     return sbl_gather_readings(context, &desc);
 }
 
-/* Compares sensors. Their arrays belong to the context, so only their contents are compared. */
+/* Compares sensors. Their arrays belong to the context, so only the contents are compared. */
 static int sensor_same(void) {
     sbl_sensor a = sensor, b = expected_sensor;
     a.rays = b.rays = NULL;
@@ -116,10 +116,10 @@ static int sensor_same(void) {
                memcmp(weights, expected_weights, sizeof weights) == 0;
 }
 
-/* Makes the calls that must precede the phase. */
+/* Makes the calls that must precede the phase. Returns 0 on failure. */
 static int phase_prepare(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
-    /* sets the scene again, so that data that is built once per scene is built by the tested call */
+    /* sets the scene again, so that the tested call builds the data that is built once per scene */
     if (p == PHASE_RENDER) {
         sbl_scene_desc desc = scene_desc(&scene);
         return sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS;
@@ -145,7 +145,7 @@ static sbl_result phase_run(sbl_context *context, phase p) {
     }
 }
 
-/* Returns whether the phase's result equals the one without faults. */
+/* Returns 1 if the result of the phase equals the result without faults. */
 static int phase_right(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
     if (p == PHASE_READ) return small_same(&picture, &expected);
@@ -157,8 +157,8 @@ static int phase_right(sbl_context *context, phase p) {
            small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
 }
 
-/* After a fault every function can be called: it succeeds, or there is no picture. A finished picture still exists if
-   only its reading failed, or readings failed, which are dropped: sbl_step then has nothing to do. */
+/* After a fault, every function can be called: it succeeds, or reports that there is no picture. If only reading
+   failed, or readings, which are dropped, then the finished picture still exists, and sbl_step has nothing to do. */
 static void every_function(sbl_context *context, phase p, const char *fault, int place) {
     const sbl_result none = p >= PHASE_READ ? SBL_SUCCESS : SBL_ERROR_STATE;
     const sbl_result dropped = p == PHASE_GATHER ? SBL_ERROR_STATE : none;
@@ -180,8 +180,8 @@ static void every_function(sbl_context *context, phase p, const char *fault, int
           "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
 }
 
-/* Checks that the context holds its scene and renders its picture as before. First undoes what a successful call has
-   changed. */
+/* Checks that the context has its scene and renders its picture as before. First undoes the changes of a successful
+   call. */
 static void still_usable(sbl_context *context, phase p, int succeeded, const char *fault, int place) {
     sbl_picture_desc view = small_view();
     float low[3], high[3];
@@ -202,7 +202,7 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
           "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
 }
 
-/* Memory and GL objects in use when the known picture is finished. No fault may change them. */
+/* Memory and GL objects in use after the known picture is finished. No fault may change these numbers. */
 typedef struct usage { int blocks, objects[FAKE_KINDS]; size_t host, gpu; } usage;
 
 static usage usage_take(sbl_context *context) {
@@ -216,16 +216,17 @@ static usage usage_take(sbl_context *context) {
     return u;
 }
 
-/* The plain run tests every place, except in modes with many places. Other kinds test every fifth. */
+/* Returns the distance between tested places. The plain run tests every place, except in modes with many places; other
+   runs test every fifth. */
 static int stride(void) { return small_mode == SBL_MODE_GI || !test_kind_is("plain") ? 5 : 1; }
 
-/* Arms a fault for the place-th opportunity from now on. FAKE_NONE stands for a failing allocation. */
+/* Arms a fault for the opportunity number `place` from now on. FAKE_NONE stands for a failing allocation. */
 static void fault_arm(fake_fault fault, int place, GLenum error) {
     if (fault == FAKE_NONE) watch_refuse(&seen, place);
     else fake_arm(fault, place, error);
 }
 
-/* Disarms and returns whether the fault happened. */
+/* Disarms the fault. Returns 1 if it happened. */
 static int fault_disarm(fake_fault fault) {
     const int hit = fault == FAKE_NONE ? seen.refused : fake.hits;
     seen.refuse_at = 0;
@@ -233,7 +234,7 @@ static int fault_disarm(fake_fault fault) {
     return hit;
 }
 
-/* Tests one fault at every place in one phase. Returns the number of places. */
+/* Tests one fault at every place of one phase. Returns the number of places. */
 static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right,
                        const char *name) {
     usage start, end;
@@ -241,7 +242,7 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
     int place;
     if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
     if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS)
-        return 0; /* all programs exist already */
+        return 0; /* all programs already exist */
     start = usage_take(context);
     for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
@@ -292,7 +293,7 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS, "%s",
             watch_last(&seen));
     for (p = 0; p < PHASES; p++) {
-        if (small_mode == SBL_MODE_GI && p != PHASE_RENDER) continue;  /* this phase fills the store */
+        if (small_mode == SBL_MODE_GI && p != PHASE_RENDER) continue;  /* only this phase fills the store */
         replacing = 0;
         places += every_place(context, (phase)p, fault, error, right, name);
         replacing = 1;
@@ -310,7 +311,7 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
           fake.live[0], fake.live[1], fake.live[2], fake.live[3], fake.live[4], fake.live[5], fake.strangers);
 }
 
-/* Each kind of fault, at every place in every phase. */
+/* Tests each kind of fault at every place of every phase. */
 TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
 TEST(calls_out_of_memory) {
     every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40);
@@ -318,7 +319,7 @@ TEST(calls_out_of_memory) {
 TEST(calls_invalid) {
     every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40);
 }
-/* The first inspection compiles its programs. After a fault in it, the next inspection must show the sensor. */
+/* The first inspection compiles its programs. After a fault in it, the next inspection shows the sensor. */
 TEST(first_inspections) {
     static const struct { fake_fault fault; GLenum error; int least; } faults[] = {
         { FAKE_NONE, 0, 10 }, { FAKE_ERROR, GL_OUT_OF_MEMORY, 3 }, { FAKE_COMPILE, 0, 1 }, { FAKE_NO_NAME, 0, 5 } };
@@ -354,9 +355,9 @@ TEST(errors_out_of_memory) {
 TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
 TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
 
-/* Fails allocations that the small picture does not need: lists that grow with the number of sensors, and lists of
-   sensors inside of geometry. For those, a box floats above a floor by less than the offset of sensors, seen through
-   the gap; see test_validity.c. */
+/* Makes allocations fail that the small picture does not need: lists that grow with the number of sensors, and lists of
+   sensors inside geometry. For the latter, a box floats above a floor by less than the offset of sensors, and is seen
+   through the gap; see test_validity.c. */
 static void larger_picture(const test_scene *s, const sbl_picture_desc *view, int stuck) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc first = scene_desc(s);
@@ -387,7 +388,7 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
           fake_live());
 }
 
-/* Failing allocations of a larger picture, and of one with sensors inside of geometry. */
+/* Allocations fail in a larger picture, and in one with sensors inside geometry. */
 TEST(allocations_of_larger_pictures) {
     const float slope = 3e-5f;
     test_scene gap = { 0 };
@@ -475,7 +476,7 @@ static sbl_result bake_one(sbl_context *context, int kind) {
     return result;
 }
 
-/* Tests every seventh place at most, starting at a different place for each kind and fault. */
+/* Tests at most every seventh place, and starts at a different place for each kind and fault. */
 TEST(bakes) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; } faults[] = {
         { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY },
@@ -547,8 +548,8 @@ TEST(bakes) {
     scene_free(&room);
 }
 
-/* A scene that exceeds the limit of buffer textures needs other programs, compiled for its first picture. After a
-   fault, the next attempt must succeed, and so must the previous scene. */
+/* A scene beyond the limit of buffer textures needs other programs, which its first picture compiles. After a fault,
+   the next attempt succeeds, and so does the previous scene. */
 TEST(scene_programs) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; int least; } faults[] = {
         { FAKE_COMPILE, 0, SBL_ERROR_GL, 3 }, { FAKE_LINK, 0, SBL_ERROR_GL, 3 }, { FAKE_NO_NAME, 0, SBL_ERROR_GL, 10 },
@@ -597,8 +598,8 @@ TEST(scene_programs) {
     scene_free(&ball);
 }
 
-/* A driver with few texture units: a program that reads more textures than there are units is refused by name, instead
-   of drawing without some of its textures. */
+/* If a driver has too few texture units for a program, the program is refused by name, instead of drawing without some
+   of its textures. */
 TEST(too_few_texture_units) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc fits = scene_desc(&scene);
@@ -633,7 +634,7 @@ TEST(too_few_texture_units) {
           refused);
 }
 
-/* >>sbl_create */
+/* >>faults in sbl_create */
 
 static void every_creation(fake_fault fault, GLenum error, sbl_result right, const char *name, int least) {
     sbl_context_desc desc = faulty_desc();
@@ -651,7 +652,7 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
         gl_state_take(&after);
         CHECK(!gl_state_difference(&before, &after), "%s %d changes GL state: %s", name, place,
               gl_state_difference(&before, &after));
-        if (result == SBL_SUCCESS) {  /* the context must work completely */
+        if (result == SBL_SUCCESS) {  /* the context must be fully usable */
             sbl_scene_desc desc_of_scene = scene_desc(&scene);
             sbl_picture_desc view = small_view();
             CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) ==
@@ -682,7 +683,7 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
     CHECK(place > least && place < MOST_PLACES, "%s is possible at only %d places", name, place - 1);
 }
 
-/* Each kind of fault at every place in sbl_create. */
+/* Tests each kind of fault at every place of sbl_create. */
 TEST(create_functions_missing) { every_creation(FAKE_LOOKUP, 0, SBL_ERROR_UNSUPPORTED, "function", 80); }
 TEST(create_allocations) { every_creation(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 0); }
 TEST(create_no_names) { every_creation(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name", 1); }
@@ -697,7 +698,7 @@ TEST(create_shaders) {
 
 static sbl_gl_function knows_nothing(const char *name, void *user) { (void)name; ++*(int *)user; return NULL; }
 
-/* If no GL function is found, each one is reported. */
+/* If no GL function is found, each missing function is reported. */
 TEST(create_without_any_function) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -712,7 +713,7 @@ TEST(create_without_any_function) {
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
 }
 
-/* Some Windows drivers return small numbers from -1 to 3 for functions that they do not have. */
+/* Some Windows drivers return small numbers from -1 to 3 for functions that they lack. */
 static intptr_t answer;
 static sbl_gl_function answering_proc(const char *name, void *user) {
     return strcmp(name, "glCreateShader") == 0 ? (sbl_gl_function)answer : gl_host_proc(name, user);
@@ -818,7 +819,7 @@ TEST(context_lost) {
     while (gl.GetError() != GL_NO_ERROR) {}
 }
 
-/* Renders the references of a back end, without faults. */
+/* Renders the references of a back end without faults. Returns 0 on failure. */
 static int references(sbl_backend backend) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc first = scene_desc(&scene), other = scene_desc(&second);
@@ -886,7 +887,7 @@ int main(void) {
     RUN(allocations_of_larger_pictures);
     RUN(scene_programs);
     RUN(too_few_texture_units);
-    if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* with an older GL the places are the same */
+    if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* an older GL has the same places */
     RUN(bakes);
     printf("with bounced light:\n");
     small_mode = SBL_MODE_GI;

@@ -1,6 +1,5 @@
-/* Tests of GL objects as input and output. Meshes in GL buffers and textures in GL textures give the same picture as
-   the same bytes in client memory, to the bit. The texture of a channel holds the values that sbl_read_channel
-   returns. */
+/* Tests GL objects as input and output. Meshes in GL buffers and textures in GL textures give the same picture as the
+   same bytes in client memory, to the bit. The texture of a channel holds the values that sbl_read_channel returns. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -19,7 +18,7 @@ static unsigned buffer_of(const void *bytes, size_t size) {
 
 /* A white, textured floor under a small lamp; positions and texture coordinates are interleaved. */
 static const float corners[] = { -1, 0, -1, 0, 0,   -1, 0, 1, 0, 1,   1, 0, 1, 1, 1,   1, 0, -1, 1, 0 };
-static const unsigned short quad[] = { 7, 7, 0, 1, 2, 0, 2, 3 };  /* the offset skips the first two */
+static const unsigned short quad[] = { 7, 7, 0, 1, 2, 0, 2, 3 };  /* the offset skips the first two indices */
 static const unsigned char texels[] = { 255, 0, 0, 255,   0, 200, 0, 255,   0, 0, 150, 255,   90, 90, 90, 255 };
 
 /* GL buffers and textures give the same picture as arrays, to the bit. */
@@ -27,7 +26,7 @@ TEST(gl_objects_are_as_good_as_arrays) {
     float *pictures[3] = { NULL, NULL, NULL };
     int kind, i;
     sbl_picture_desc view = scene_view(32, 24, 50, 0, 2, 2, 0, 0, 0);
-    /* arrays; GL objects; other bytes in the buffers, which must change the picture */
+    /* arrays; GL objects; GL objects with other bytes, which must change the picture */
     for (kind = 0; kind < 3; kind++) {
         test_scene s = { 0 };
         sbl_mesh *m;
@@ -77,8 +76,8 @@ TEST(gl_objects_are_as_good_as_arrays) {
     for (kind = 0; kind < 3; kind++) free(pictures[kind]);
 }
 
-/* Compares all channels of a picture, unfinished or finished, with their textures. Returns how many channels are
-   available. */
+/* Compares all channels of a picture, unfinished or finished, with their textures. Returns the number of available
+   channels. */
 static int compare_channels(const char *when) {
     enum { PIXELS = 32 * 24 };
     static float read[3 * PIXELS], held[4 * PIXELS];
@@ -112,7 +111,8 @@ static int compare_channels(const char *when) {
     return shown;
 }
 
-/* Textures of all channels hold the values that are read, before and after the end of the picture. */
+/* The textures of all channels hold the values that sbl_read_channel returns, before and after the end of the
+   picture. */
 TEST(textures_hold_the_channels) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(32, 24, 50, 0.3f, 2, 2, 0, 0, 0);

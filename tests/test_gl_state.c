@@ -1,7 +1,7 @@
-/* sbl.h must not change the GL state of a host. Every function is called on success, failure and cancelling, and all GL
-   state is compared before and after: once with GL's defaults, once with values that no program has by chance. The
-   pictures of both must be the same, to the bit. The tests also check that several contexts, in one GL context or
-   headless, do not disturb each other. */
+/* Tests that sbl.h does not change the GL state of a host. Every function is called with success, failure and
+   cancelling, and all GL state is compared before and after: once with the defaults of GL, once with values that no
+   program has by chance. The pictures of both must be the same to the bit. The tests also check that several contexts,
+   in one GL context or headless, do not disturb each other. */
 #include <EGL/egl.h>
 #include <string.h>
 #include "../sbl.h"
@@ -13,7 +13,7 @@
 #include "support/gl_state.h"
 #include "support/gl_fake.h"
 
-static const char *missing;  /* the name of a function that the loader of headless contexts does not find */
+static const char *missing;  /* name of a function that the loader of headless contexts does not find, or NULL */
 
 /* The linker redirects all calls of eglGetProcAddress to this function; see scripts/Makefile. */
 typedef __eglMustCastToProperFunctionPointerType egl_function;
@@ -28,7 +28,7 @@ static gl_state before, after;
 static gl_odd odd;
 static const char *situation = "";
 
-/* Makes a call and checks that GL state is the same before and after. */
+/* Makes a call and checks that the GL state is the same before and after. */
 #define KEPT(call) do {                                                                              \
         const char *difference_;                                                                     \
         gl_state_take(&before);                                                                      \
@@ -45,7 +45,7 @@ static const char *situation = "";
               sbl_result_string(result_), sbl_result_string(right), watch_last(&seen));       \
     } while (0)
 
-/* >>the host's scene: positions and indices of one mesh in GL buffers, one GL texture */
+/* >>the scene of the host: one mesh has positions and indices in GL buffers, and one texture is in GL */
 
 typedef struct host_scene { test_scene small; GLuint buffers[2], texture; sbl_scene_desc desc; } host_scene;
 
@@ -84,7 +84,8 @@ static host_scene scene;
 
 static int cancel_second(float done, void *user) { (void)done; return ++*(int *)user == 2; }
 
-/* Calls every function that uses GL, with every outcome. The outputs are the last pictures of the two back ends. */
+/* Calls every function that uses GL, with every outcome. picture, traced: receive the last pictures of the two back
+   ends */
 static void every_function(small_picture *picture, small_picture *traced) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view(), bad = small_view();
@@ -217,7 +218,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
           SBL_ERROR_OUT_OF_MEMORY);
     fake_disarm();
 
-    gl.Enable(0xdead);  /* a GL error that the host left */
+    gl.Enable(0xdead);  /* a GL error that the host has left */
     GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     CHECK(gl.GetError() == GL_NO_ERROR, "sbl_render%s leaves a GL error", situation);
     CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation,
@@ -231,7 +232,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
 
 static small_picture by_default[2], by_odd[2];
 
-/* With GL's default state, no function changes any of it. */
+/* With the default state of GL, no function changes any of it. */
 TEST(default_state) {
     situation = ", GL's state being the default,";
     every_function(&by_default[0], &by_default[1]);
@@ -240,7 +241,7 @@ TEST(default_state) {
           "the picture has only one colour, or contains NaN");
 }
 
-/* The unusual state must differ from the default in every value. A value that stays the same would not show that sbl.h
+/* The unusual state differs from the default in every value. A value that stays the same would not show that sbl.h
    fails to set or restore it. */
 TEST(unusual_state) {
     static gl_state usual, unusual;
@@ -330,8 +331,7 @@ TEST(one_by_one) {
     sbl_destroy(context);
 }
 
-/* >>the host's own drawing, which relies on everything it has set, including state that the lists above do not
-   contain */
+/* >>drawing by the host, which relies on everything it has set, including state that the lists above do not contain */
 
 enum { SHAPE = 96 };
 
@@ -361,7 +361,7 @@ static GLuint shape_texture(GLint internal, GLsizei size, GLenum format, GLenum 
     return id;
 }
 
-/* Returns the program, or 0 if it does not compile. */
+/* Compiles the program of the host. Returns 0 on failure. */
 static GLuint shape_make(void) {
     static const float corners[3][5] = { { -0.8f, -0.7f, 1, 0.3f, 0.2f }, { 0.9f, -0.5f, 0.2f, 1, 0.3f },
         { 0.1f, 0.9f, 0.3f, 0.4f, 1 } };
@@ -397,7 +397,7 @@ static GLuint shape_make(void) {
     return program;
 }
 
-/* Set only once; nearly every value differs from GL's default. */
+/* Sets the state of the host, only once; nearly every value differs from the default of GL. */
 static void shape_state(void) {
     gl.ClearColor(0.1f, 0.12f, 0.15f, 1);
     gl.ClearDepth(0.5);
@@ -430,7 +430,7 @@ static void shape_draw(unsigned char *pixels) {
     gl.ReadPixels(0, 0, SHAPE, SHAPE, GL_RGB, GL_UNSIGNED_BYTE, pixels);
 }
 
-/* The host's drawing is the same to the bit between all steps of sbl.h. */
+/* The host draws the same to the bit between all steps of sbl.h. */
 TEST(the_host_draws_on) {
     static unsigned char first[3 * SHAPE * SHAPE], then[3 * SHAPE * SHAPE];
     sbl_context_desc desc = watch_desc(&seen);
@@ -469,7 +469,7 @@ TEST(the_host_draws_on) {
 
 typedef struct mess { int on; GLuint objects[5]; int calls; } mess;
 
-/* Draws nothing, but changes state like programs that draw, and restores none of it. */
+/* Draws nothing, but changes state like a program that draws, and restores none of it. */
 static void make_mess(const sbl_draw_view *v, void *user) {
     mess *m = (mess *)user;
     int first = !m->objects[0];
@@ -492,7 +492,7 @@ static void make_mess(const sbl_draw_view *v, void *user) {
     gl.BindSampler(0, m->objects[3]);
     gl.ActiveTexture(GL_TEXTURE0 + 3);
     gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
-    gl.ActiveTexture(GL_TEXTURE0 + 15);  /* a unit that sbl.h does not use; the binding must stay */
+    gl.ActiveTexture(GL_TEXTURE0 + 15);  /* a unit that sbl.h does not use, whose binding must stay */
     if (first) gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
     gl.Enable(GL_BLEND);
     gl.Enable(GL_CULL_FACE);
@@ -520,7 +520,7 @@ static void make_mess(const sbl_draw_view *v, void *user) {
     if (m->on > 1) gl.Enable(0xdead);
 }
 
-/* A draw callback that restores nothing neither changes the picture nor the host's state. */
+/* A draw callback that restores nothing changes neither the picture nor the state of the host. */
 TEST(draw_callback_that_puts_nothing_back) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();
@@ -557,7 +557,7 @@ TEST(draw_callback_that_puts_nothing_back) {
     difference = gl_state_difference(&before, &after);
     CHECK(!difference, "state changed by the callback is not restored: %s", difference ? difference : "");
     CHECK(small_same(&polite, &rude), "state that the callback changes affects the picture");
-    m.on = 2;  /* GL errors, too: they may make the picture fail, but not change it */
+    m.on = 2;  /* also causes GL errors, which may make the picture fail, but must not change it */
     watch_forget(&seen);
     KEPT(result = small_render(context, &view, &rude));
     CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0,
@@ -567,7 +567,7 @@ TEST(draw_callback_that_puts_nothing_back) {
     sbl_destroy(context);
 }
 
-/* >>contexts side by side */
+/* >>several contexts */
 
 static test_scene other;
 
@@ -582,8 +582,8 @@ static sbl_picture_desc other_view(void) {
     return view;
 }
 
-/* Renders with two contexts made from desc, first one after the other, then with their steps alternating. The pictures
-   must be the same. */
+/* Renders with two contexts made from desc, first one after the other, then with alternating steps. The pictures must
+   be the same. */
 static void side_by_side(const sbl_context_desc *desc, const char *where) {
     static small_picture alone[2], together[2];
     static test_scene first;
@@ -639,7 +639,7 @@ TEST(two_headless_contexts) {
     side_by_side(&desc, "headless");
 }
 
-/* >>EGL's binding, which headless contexts must restore */
+/* >>the binding of EGL, which headless contexts must restore */
 
 typedef struct binding { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } binding;
 
@@ -709,7 +709,7 @@ static void headless_fails(void) {
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
 }
 
-/* Headless contexts leave the host's GL context current and its state unchanged. */
+/* Headless contexts leave the GL context of the host current and its state unchanged. */
 TEST(headless_beside_the_hosts_context) {
     EGLContext host = eglGetCurrentContext();
     situation = ", the host's GL context being current,";
@@ -722,7 +722,7 @@ TEST(headless_beside_the_hosts_context) {
     CHECK(!gl_state_difference(&before, &after), "the host's state: %s", gl_state_difference(&before, &after));
 }
 
-/* The host draws to one surface and reads from another. */
+/* Headless contexts leave the surfaces of a host that draws to one and reads from another. */
 TEST(headless_beside_two_surfaces) {
     static const EGLint wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
     static const EGLint size[] = { EGL_WIDTH, 8, EGL_HEIGHT, 8, EGL_NONE };
@@ -747,7 +747,7 @@ TEST(headless_beside_two_surfaces) {
     if (!current) SKIP("no two surfaces can be made current");
 }
 
-/* Failed creations of headless contexts restore EGL's binding. */
+/* Failed creations of headless contexts restore the binding of EGL. */
 TEST(headless_creation_fails) {
     EGLContext host = eglGetCurrentContext();
     situation = ", the host's GL context being current,";
@@ -755,7 +755,7 @@ TEST(headless_creation_fails) {
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
 }
 
-/* Headless contexts leave no context current if none was, and keep the API of EGL. */
+/* Headless contexts leave no context current if none was, and keep the current API of EGL. */
 TEST(headless_with_nothing_current) {
     EGLContext host = eglGetCurrentContext();
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
@@ -771,9 +771,9 @@ TEST(headless_with_nothing_current) {
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
 }
 
-/* >>state that sbl.h cannot save must be documented */
+/* >>documentation of the state that sbl.h cannot save */
 
-/* Returns the manual's chapter ON GL STATE, or NULL if sbl.h is not in the current directory. */
+/* Returns the chapter ON GL STATE of the manual, or NULL if sbl.h is not in the current directory. */
 static const char *chapter(void) {
     static char text[1 << 16];
     FILE *file = fopen("sbl.h", "rb");
@@ -797,7 +797,7 @@ TEST(limits_are_documented) {
         CHECK(strstr(text, words[i]), "ON GL STATE does not mention an active %s...", words[i]);
 }
 
-/* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1, so each must be restored. */
+/* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1, so sbl.h must restore each. */
 TEST(viewport_array) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();

@@ -1,5 +1,5 @@
-/* Surfaces that are not matte: metal, gloss, panes and blended surfaces. The expected values come from lobe.h, which is
-   a quadrature of glTF's material model in double precision, and from Fresnel's term. */
+/* Tests surfaces that are not matte: metal, gloss, panes and blended surfaces. The expected values come from lobe.h, a
+   quadrature of the material model of glTF in double precision, and from the Fresnel term. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -19,10 +19,10 @@ static double unit(double v[3]) {
     return length;
 }
 
-/* A vector in the frame of a surface whose normal is y, as lobe.h wants it */
+/* Converts a vector to the frame of lobe.h, whose normal is z, for a surface whose normal is y. */
 static void stand_up(const float *v, double out[3]) { set3(out, (double)v[0], (double)v[2], (double)v[1]); }
 
-/* Adds a material with reflections. ior is 1.5. */
+/* Adds a material with reflections and the index of refraction 1.5. Returns its index. */
 static int scene_gloss(test_scene *s, double red, double green, double blue, double metallic, double roughness) {
     const int number = scene_material(s, (float)red, (float)green, (float)blue);
     s->materials[number].ior = 1.5f;
@@ -31,14 +31,14 @@ static int scene_gloss(test_scene *s, double red, double green, double blue, dou
     return number;
 }
 
-/* Adds a thin pane of glass without roughness. */
+/* Adds a thin, smooth pane of glass. Returns its index. */
 static int scene_pane(test_scene *s, double red, double green, double blue, double transmission) {
     const int number = scene_gloss(s, red, green, blue, 0, 0);
     s->materials[number].transmission = (float)transmission;
     return number;
 }
 
-/* Lets a mesh exist only by a share: sets alpha of its vertices, and the flag of its material. */
+/* Gives a mesh a coverage: sets the alpha of its vertices, and the flag of its material. */
 static void scene_blend(test_scene *s, sbl_mesh *mesh, float alpha) {
     float *colors = (float *)scene_alloc(s, 16 * sizeof(float) * (size_t)mesh->vertex_count);
     int i;
@@ -47,7 +47,7 @@ static void scene_blend(test_scene *s, sbl_mesh *mesh, float alpha) {
     s->materials[mesh->material].flags |= SBL_MATERIAL_BLEND;
 }
 
-/* A picture and its channels, which are read when first used */
+/* A picture and its channels, which are read on first use. */
 typedef struct shot { sbl_picture_desc view; sbl_context *context; float *channels[SBL_CHANNEL_COUNT]; } shot;
 
 static int shoot(shot *p, const test_scene *s, const sbl_picture_desc *view) {
@@ -69,7 +69,7 @@ static const float *at(shot *p, sbl_channel channel, int x, int y) {
     return p->channels[channel] + n * (y * p->view.width + x);
 }
 
-/* The unit vector along which the camera looks through the centre of a pixel */
+/* Computes the unit vector along which the camera looks through the centre of a pixel. */
 static void look(const sbl_picture_desc *view, int x, int y, double out[3]) {
     const float *m = view->world_to_view, *c = view->view_to_clip;
     double way[3] = { 0, 0, -1 };
@@ -90,7 +90,7 @@ static double cosine_at(shot *p, int x, int y) {
     return -((double)normal[0] * way[0] + (double)normal[1] * way[1] + (double)normal[2] * way[2]);
 }
 
-/* What the lobe of a pixel reflects, of one colour */
+/* Returns the light that the lobe of a pixel reflects in one channel. */
 static double reflected(shot *p, int x, int y, int k) {
     return (double)at(p, SBL_CHANNEL_SPECULAR_ALBEDO, x, y)[k] * (double)at(p, SBL_CHANNEL_SPECULAR, x, y)[k];
 }
@@ -103,7 +103,8 @@ static double mean_reflected(shot *p, int k) {
     return sum;
 }
 
-/* A sensor at each pixel, without a filter. The camera sees the origin from a distance of 4, at an angle to y. */
+/* Returns a view with a sensor at each pixel and no filter. The camera sees the origin from a distance of 4, at an
+   angle to y. */
 static sbl_picture_desc view_of_plate(int width, int height, double fov, double degrees, int rays) {
     const double angle = degrees * TEST_PI / 180;
     sbl_picture_desc view = scene_plain(scene_view(width, height, (float)fov, (float)(4 * sin(angle)),
@@ -112,7 +113,7 @@ static sbl_picture_desc view_of_plate(int width, int height, double fov, double 
     return view;
 }
 
-/* An orthographic camera in front of a ball of radius 1 about the origin */
+/* Returns an orthographic view of a ball of radius 1 around the origin. */
 static sbl_picture_desc view_of_ball(int side, int rays) {
     sbl_picture_desc view = scene_plain(scene_view(side, side, 40, 0, 0, 4, 0, 0, 0), SBL_MODE_DIRECT, 0);
     memset(view.view_to_clip, 0, sizeof view.view_to_clip);
@@ -124,11 +125,12 @@ static sbl_picture_desc view_of_ball(int side, int rays) {
     return view;
 }
 
-/* >>furnace */
+/* >>furnaces */
 
 enum { ANGLES = 48 };
 
-/* The share of light that a white surface of index 1.5, or of metal, reflects: tables over the cosine */
+/* Computes a table over the cosine of the view angle: the share of light that a white surface of index 1.5, or a metal,
+   reflects. */
 static void furnace_table(double roughness, int metal, double table[ANGLES + 1]) {
     int i;
     for (i = 0; i <= ANGLES; i++) {
@@ -144,7 +146,7 @@ static double look_up(const double table[ANGLES + 1], double mu) {
     return table[i] + (mu * ANGLES - i) * (table[i + 1] - table[i]);
 }
 
-/* Balls in a uniform sky of radiance 1 show their albedo: on the whole, and at each angle. */
+/* Balls in a uniform sky of radiance 1 show their albedo, on average and at each angle. */
 static void furnace(double roughness, int metal, double whole) {
     enum { BINS = 8, SIDE = 96 };
     double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0;
@@ -192,7 +194,7 @@ TEST(furnace_of_plastic) {
 
 /* >>albedo */
 
-/* SBL_CHANNEL_SPECULAR_ALBEDO and ALBEDO for metals and plastics of five roughnesses, seen at five angles */
+/* SBL_CHANNEL_SPECULAR_ALBEDO and ALBEDO are right for metals and plastics of five roughnesses, seen at five angles. */
 TEST(albedo_of_lobes) {
     static const double angles[5] = { 2, 30, 55, 75, 84 }, roughness[5] = { 0.09, 0.2, 0.4, 0.7, 1 };
     enum { PLATES = 15 };
@@ -205,7 +207,7 @@ TEST(albedo_of_lobes) {
             : scene_gloss(&s, 0.9, 0.5, 0.1, i % 3 == 1 ? 0 : 0.5, roughness[i / 3]);
         sbl_mesh *plate = scene_quad(&s, number, -1, 0, x - 0.05f, -1, 0, x + 0.05f, 1, 0, x + 0.05f, 1, 0, x - 0.05f);
         plate->id = (uint32_t)i + 1;
-        if (i % 3 != 1) s.materials[number].ior = i % 6 == 2 ? 2 : 0;  /* 0 is 1.5 for metal, also in part */
+        if (i % 3 != 1) s.materials[number].ior = i % 6 == 2 ? 2 : 0;  /* metal, also partial: an ior of 0 means 1.5 */
     }
     for (j = 0; j < 5; j++) {
         sbl_picture_desc view = view_of_plate(45, 1, 0.476, angles[j], 1);
@@ -237,7 +239,8 @@ TEST(albedo_of_lobes) {
     scene_free(&s);
 }
 
-/* Green of the texture multiplies the roughness, blue multiplies metallic; red has no effect. */
+/* The green channel of the texture multiplies the roughness, and the blue channel multiplies metallic; red has no
+   effect. */
 TEST(specular_textures) {
     static const unsigned char texels[8] = { 255, 128, 255, 255, 10, 255, 51, 255 };
     test_scene s = { 0 };
@@ -267,9 +270,9 @@ TEST(specular_textures) {
     scene_free(&s);
 }
 
-/* >>normals */
+/* >>normal maps */
 
-/* Adds a texture with one texel that shows a vector of tangent space, and lets a material use it. */
+/* Adds a texture with one texel that holds a vector in tangent space, and assigns it to a material. */
 static void scene_normal(test_scene *s, int number, const double v[3]) {
     float texel[3];
     int k;
@@ -277,7 +280,8 @@ static void scene_normal(test_scene *s, int number, const double v[3]) {
     s->materials[number].normal_texture = scene_texture(s, texel, sizeof texel, SBL_PIXELS_FLOAT, 1, 1, 3);
 }
 
-/* Where u and v of a floor's texture coordinates point, the side from which the camera looks, and normal_scale */
+/* Directions of u and v of the texture coordinates of a floor, the side from which the camera looks, and
+   normal_scale. */
 typedef struct tilting { double u[3], v[3]; int below; float scale; } tilting;
 
 static const tilting tilts[6] = {
@@ -286,7 +290,8 @@ static const tilting tilts[6] = {
     { { 0, 0, -1 }, { 1, 0, 0 }, 1, 2 }
 };
 
-/* The expected normal, towards the camera. The floor's is y; the second component of tangent space points against v. */
+/* Computes the expected normal, towards the camera. The normal of the floor is y; the second component of tangent space
+   points against v. */
 static void tilted(const tilting *t, const double texel[3], double out[3]) {
     const double scale = t->scale == 0 ? 1 : (double)t->scale, side = t->below ? -1 : 1;
     int k;
@@ -295,8 +300,8 @@ static void tilted(const tilting *t, const double texel[3], double out[3]) {
     unit(out);
 }
 
-/* A floor with one tilted normal: NORMAL, and R below a directional light and a sky. The light that would come from
-   below the floor, where a lamp shines, is missing. Vertex normals do not change any of it. */
+/* A floor with one tilted normal has the right NORMAL, and the right R below a directional light and a sky. Light that
+   would come from below the floor, where a lamp shines, is missing. Vertex normals do not change any of this. */
 TEST(normals_are_tilted) {
     static const double texel[3] = { 0.48, 0.6, 0.64 };
     double worst = 0, worst_light = 0;
@@ -351,7 +356,8 @@ TEST(normals_are_tilted) {
     printf("    largest error %.5f of a component, %.5f of R\n", worst, worst_light);
 }
 
-/* The light of intensity 3 that metal with this normal reflects from a direction. way: from the camera */
+/* Returns the light of intensity 3 that metal with this normal reflects from a direction. way: direction from the
+   camera */
 static double reflect_at(const double n[3], const double way[3], const double to[3], double square) {
     double x[3], y[3], v[3], w[3];
     set3(x, n[1], -n[0], 0);
@@ -362,8 +368,8 @@ static double reflect_at(const double n[3], const double way[3], const double to
     return 3 / square * w[2] * lobe_brdf(v, w, 0.3, 1);
 }
 
-/* A pixel that shows many normals has their mean, and the lobe there is as wide as they make it. The highlight of a
-   lamp is compared with the mean of the highlights that the normals have one by one, whose shape is not quite GGX. */
+/* A pixel that shows many normals has their mean normal, and a lobe that is widened by their spread. The highlight of a
+   lamp is compared with the mean of the highlights of the single normals, whose shape is not quite GGX. */
 TEST(pixels_average_normals) {
     enum { SIZE = 32, SIDE = 8 };
     static float texels[3 * SIZE * SIZE];
@@ -377,7 +383,7 @@ TEST(pixels_average_normals) {
     int i, j, k;
     l->position[0] = -3;
     l->position[1] = 3.6f;
-    for (i = 0; i < SIZE * SIZE; i++) {  /* slopes with a normal distribution, of standard deviation 0.1 */
+    for (i = 0; i < SIZE * SIZE; i++) {  /* slopes with a normal distribution of standard deviation 0.1 */
         const double turn = (double)(test_hash((uint32_t)i) >> 8) / (1 << 24) * 2 * TEST_PI;
         const double slope = 0.1 * sqrt(-2 * log((test_hash((uint32_t)i + 7777u) + 0.5) / 4294967296.0));
         set3(normals[i], slope * cos(turn), 1, -slope * sin(turn));
@@ -413,7 +419,8 @@ TEST(pixels_average_normals) {
 
 /* >>mirrors */
 
-/* A mirror of metal shows a lamp, as dark as Fresnel's term wants it; so do two mirrors, and a smooth black plastic. */
+/* A metal mirror reflects a lamp, attenuated by the Fresnel term; so do two mirrors in sequence and smooth black
+   plastic. */
 TEST(mirrors_show_lamps) {
     static const double base[3] = { 0.9, 0.6, 0.3 };
     static const char *const names[4] = { "a mirror", "roughness 0.07", "two mirrors", "plastic" };
@@ -428,7 +435,7 @@ TEST(mirrors_show_lamps) {
         shot p;
         scene_floor(&s, mirror, 0, 0.8f);
         if (kind == 2) scene_quad(&s, mirror, -1, 0.2f, -1, -1, 0.2f, 1, -1, 2, 1, -1, 2, -1);
-        if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* the camera sees below it */
+        if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* seen from below */
         else scene_quad(&s, lamp, -2, 0.2f, -2, -2, 0.2f, 2, -2, 3, 2, -2, 3, -2);
         s.meshes[s.mesh_count - 1].id = 99;
         if (!shoot(&p, &s, &view)) return;
@@ -450,7 +457,7 @@ TEST(mirrors_show_lamps) {
     }
 }
 
-/* In a mirror stand the same points with the same light as a camera behind the mirror would see. */
+/* A mirror shows the same points with the same light as a camera behind the mirror would see. */
 TEST(mirrors_show_surfaces) {
     enum { SIDE = 24 };
     enum { SAME = 5 };
@@ -467,7 +474,7 @@ TEST(mirrors_show_surfaces) {
     scene_light(&s, SBL_LIGHT_POINT, 3, 4, 5)->position[0] = 1;
     s.lights[0].position[1] = 0.6f;
     s.lights[0].position[2] = 0.8f;
-    behind = view;  /* the camera is at y = -2, and what it shows is upside down */
+    behind = view;  /* the camera is at y = -2, and its picture is upside down */
     sbl_look_at(behind.world_to_view, 2, -2, 0.2f, 0, 0, 0, 0, 1, 0);
     if (!shoot(&q, &s, &behind)) return;
     for (i = 0; i < SAME; i++) at(&q, same[i], 0, 0);
@@ -494,8 +501,8 @@ TEST(mirrors_show_surfaces) {
     scene_free(&s);
 }
 
-/* A mirror that is not perfect shows the edge of a lamp as blurred as a quadrature of its lobe does, also if a pixel
-   has one anti-aliasing sample. */
+/* A mirror that is not perfect blurs the edge of a lamp like a quadrature of its lobe, also if a pixel has one
+   anti-aliasing sample. */
 TEST(mirrors_blur_what_they_show) {
     enum { WIDE = 32 };
     test_scene s = { 0 };
@@ -513,7 +520,7 @@ TEST(mirrors_blur_what_they_show) {
         look(&view, i, 0, way);
         across = eye * way[2] / -way[1] + way[2] * 1.4 / -way[1];  /* where a sharp mirror would show the lamp */
         set3(v, -way[0], -way[2], -way[1]);
-        for (j = 0; j < 4; j++)  /* from the point of the mirror that the pixel shows; z is up here */
+        for (j = 0; j < 4; j++)  /* relative to the point of the mirror that the pixel shows; here z is up */
             set3(corners[j], (j < 2 ? -1.3 : -1.5) - (eye - eye * way[0] / way[1]),
                  (j == 1 || j == 2 ? 0.4 : 0) + eye * way[2] / way[1], j < 2 ? 1.5 : 1.3);
         wanted = lobe_highlight(v, corners, roughness, 1);
@@ -527,7 +534,7 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
-/* A texture of transmission counts with its red channel. */
+/* A texture of transmission takes effect through its red channel. */
 TEST(panes_read_red) {
     static const unsigned char texel[4] = { 51, 230, 128, 255 };
     test_scene s = { 0 };
@@ -544,15 +551,16 @@ TEST(panes_read_red) {
     scene_free(&s);
 }
 
-/* In a closed room in which all has the radiance 1, half of it reflected, a pane seen at a slant has it, too, in
-   pictures of one and of several anti-aliasing samples: what the pane mirrors includes the light that walls reflect. */
+/* In a closed room where everything has the radiance 1, half of it reflected, a pane seen at an angle also has the
+   radiance 1, with one and with several anti-aliasing samples. Thus the mirror image in the pane includes the light
+   that walls reflect. */
 TEST(panes_mirror_bounced_light) {
     enum { SIDE = 16 };
     int samples, i;
     for (samples = 1; samples <= 3; samples += 2) {
         test_scene s = { 0 };
         const int walls = scene_material(&s, 0.5f, 0.5f, 0.5f), pane = scene_pane(&s, 1, 1, 1, 1);
-        sbl_picture_desc view = scene_view(SIDE, SIDE, 6, 2.9f, 0.75f, 0, 0, 0, 0);  /* Fresnel's term is 0.24 */
+        sbl_picture_desc view = scene_view(SIDE, SIDE, 6, 2.9f, 0.75f, 0, 0, 0, 0);  /* the Fresnel term is 0.24 */
         double mean = 0;
         shot p;
         for (i = 0; i < 3; i++) s.materials[walls].emission[i] = 0.5f;
@@ -570,9 +578,10 @@ TEST(panes_mirror_bounced_light) {
     }
 }
 
-/* >>lamps in lobes */
+/* >>highlights of lamps */
 
-/* The surfaces of the tests of highlights: metal (even) and plastic, each of three roughnesses */
+/* Returns the roughness of the surfaces in the tests of highlights, which are of metal (even) or plastic, with three
+   roughnesses each. */
 static double highlight_roughness(int kind) { return kind & 4 ? 1 : kind & 2 ? 0.5 : 0.2; }
 static int highlight_material(test_scene *s, int kind) {
     return scene_gloss(s, 0.9, 0.5, 0.2, kind & 1 ? 0 : 1, highlight_roughness(kind));
@@ -582,7 +591,7 @@ static double highlight_reflectance(int kind, int k) {
     return kind & 1 ? 0.04 : base[k];
 }
 
-/* As lobe_highlight, but of the part of the lamp that is not behind the plane y = 1 at x > edge */
+/* Like lobe_highlight, but only for the part of the lamp that the plane y = 1 at x > edge does not hide. */
 static double half_highlight(const double v[3], double corners[4][3], double roughness, double f0, double edge) {
     enum { STEPS = 300 };
     double sum = 0;
@@ -598,7 +607,8 @@ static double half_highlight(const double v[3], double corners[4][3], double rou
     return sum / STEPS / STEPS;
 }
 
-/* Highlights of a square lamp: at their middle and beside it, with the whole lamp, and with half of it hidden */
+/* Highlights of a square lamp are right at their middle and beside it, for the complete lamp and for a lamp that is
+   half hidden. */
 TEST(highlights_of_lamps) {
     enum { SIDE = 8 };
     int kind, place, k;
@@ -645,7 +655,7 @@ TEST(highlights_of_lamps) {
     }
 }
 
-/* Highlights of a point light, a spot light and a directional light, at every pixel, seen from three sides */
+/* Highlights of a point light, a spot light and a directional light are right at every pixel, seen from three sides. */
 TEST(highlights_of_lights) {
     enum { SIDE = 16 };
     int kind, light, i, k;
@@ -699,7 +709,7 @@ TEST(highlights_of_lights) {
         }
 }
 
-/* Highlights of a sky picture: a bright texel and a wide spot in front of a gradient */
+/* Highlights of a sky picture are right for a bright texel and a wide spot in front of a gradient. */
 TEST(highlights_of_the_sky) {
     enum { SIDE = 8, ACROSS = 64, DOWN = 32, CUT = 8 };
     static float pixels[3 * ACROSS * DOWN];
@@ -744,14 +754,14 @@ TEST(highlights_of_the_sky) {
 
 /* >>panes */
 
-/* Adds what makes all scenes of these tests use the same programs: a light that is off, and a pane far away */
+/* Adds a light that is off and a distant pane, so that all scenes of these tests use the same programs. */
 static void scene_company(test_scene *s) {
     scene_light(s, SBL_LIGHT_POINT, 0, 0, 0)->position[1] = 50;
     scene_floor(s, scene_pane(s, 1, 1, 1, 1), -60, 0.1f);
 }
 
-/* Emission through panes: what a viewer at 50 degrees sees of a lamp of radiance 3 2 1 behind panes and blended
-   surfaces. The last pane also mirrors a sky of radiance 0.5. */
+/* A viewer at 50 degrees sees a lamp of radiance 3 2 1 through panes and blended surfaces. The last pane also mirrors a
+   sky of radiance 0.5. */
 TEST(lamps_behind_panes) {
     static const double tint[3] = { 0.9, 0.7, 0.8 };
     static const char *const names[7] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
@@ -796,32 +806,32 @@ TEST(lamps_behind_panes) {
     }
 }
 
-/* Light that reaches a floor through panes: the camera is below them. R is that without panes times their
-   transmittance. The camera then looks at the same floor through panes. */
+/* Light reaches a floor through panes: R equals R without panes times their transmittance, seen by a camera below the
+   panes. Then the camera looks at the same floor through the panes. */
 enum { PANES = 5 };
 static const double pane_tint[3] = { 0.9, 0.7, 0.8 };
 
-/* Puts one of the cases of panes at a height above a floor. */
+/* Adds one of the cases of panes at a height above a floor. */
 static void scene_panes(test_scene *s, int kind, float height) {
     const int number = kind == 2 ? scene_material(s, 0, 0, 0)
         : scene_pane(s, pane_tint[0], pane_tint[1], pane_tint[2], kind == 3 ? 0.7 : 1);
     sbl_mesh *pane = scene_floor(s, number, height, 3);
     if (kind == 2 || kind == 4) scene_blend(s, pane, 0.25f);
     if (kind == 1) scene_floor(s, number, height + 0.1f, 3);
-    if (kind == 4) {  /* a mask, which is cut out everywhere */
+    if (kind == 4) {  /* a mask that is cut out everywhere */
         s->materials[number].flags = 0;
         s->materials[number].alpha_cutoff = 0.5f;
     }
 }
 
-/* The share of light that passes */
+/* Returns the share of light that passes in channel k. */
 static double passing(int kind, double cosine, int k) {
     const double one = pane_tint[k] * (1 - lobe__fresnel(cosine, 0.04));
     return kind == 0 ? one : kind == 1 ? one * one : kind == 2 ? 0.75 : kind == 3 ? 0.7 * one : 1;
 }
 
-/* Compares a floor with panes and without. lamp: 1: a lamp, 0: a light; through: 1: the camera is above the panes, and
-   the light below */
+/* Compares a floor with panes and without. lamp: 1: an emitting lamp, 0: a light. through: 1: the camera is above the
+   panes, and the light is below */
 static void floor_behind(int kind, int lamp, int through) {
     static const char *const names[PANES] = { "a pane", "two panes", "blended", "a half transparent pane", "a mask" };
     enum { SIDE = 6 };
@@ -869,8 +879,8 @@ TEST(floors_behind_panes) {
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
 }
 
-/* A blended surface shows what is behind it, and its own share of emission and of reflected light. Where most light
-   passes, the latter is that of the store. */
+/* A blended surface shows the surfaces behind it, and its own share of emission and of reflected light. Where most
+   light passes, the reflected light is stored light. */
 TEST(blended_surfaces_show_themselves) {
     static const float alphas[3] = { 0.25f, 0.5f, 0.75f };
     int kind, i;
@@ -905,14 +915,14 @@ TEST(blended_surfaces_show_themselves) {
 
 /* >>rooms */
 
-/* In a closed room whose walls have the radiance 1, by emission alone or by as much emission as albedo, white metal of
-   roughness 0.1 loses no light; the walls see it as if it were not there. Plastic and rough metal show their albedo. */
+/* In a closed room whose walls have the radiance 1, by emission alone or half by reflection, white metal of roughness
+   0.1 loses no light, and does not change the light of the walls. Plastic and rough metal show their albedo. */
 TEST(furnace_of_a_room) {
     enum { SIDE = 32 };
     int kind, i;
     for (kind = 0; kind < 5; kind++) {
         test_scene s = { 0 };
-        const int metal = kind < 2 || kind == 3, lit = kind == 1;  /* the walls reflect half of their light */
+        const int metal = kind < 2 || kind == 3, lit = kind == 1;  /* 1: the walls reflect half of their light */
         const double roughness = kind == 3 ? 0.6 : kind == 4 ? 0.3 : 0.1;
         const int walls = lit ? scene_material(&s, 0.5f, 0.5f, 0.5f) : scene_lamp(&s, 1, 1, 1);
         const int body = scene_gloss(&s, 1, 1, 1, metal, roughness);
@@ -952,7 +962,8 @@ TEST(furnace_of_a_room) {
     }
 }
 
-/* Returns R of a floor beside a black wall or, if `metal` is 1, beside one of white metal, under the sky or a lamp. */
+/* Returns R of a floor beside a black wall or, if `metal` is 1, beside a wall of white metal, under the sky or a
+   lamp. */
 static double beside_a_wall(int metal, int lamp, double roughness) {
     enum { SITES = 16 };
     sbl_site sites[SITES];
@@ -982,9 +993,9 @@ static double beside_a_wall(int metal, int lamp, double roughness) {
     return mean;
 }
 
-/* Walls of metal reflect the sky and a lamp to the floor beside them. The mirror counts as if its roughness were 0.3,
-   because light that rays find by way of mirrors is blurred. What the lamp adds is a sum of lobe_brdf over 400 x 400
-   directions and 60 x 60 points of the lamp. */
+/* Walls of metal reflect the sky and a lamp to the floor beside them. For light that rays find by way of mirrors, a
+   mirror has the roughness 0.3, because such light is blurred. The light of the lamp is a sum of lobe_brdf over 400 x
+   400 directions and 60 x 60 points of the lamp. */
 TEST(metal_lights_floors) {
     static const struct { double roughness, sky, lamp; } cases[3] = {
         { 0, 0.976, 0.0944 }, { 0.3, 0.976, 0.0944 }, { 0.45, 0.948, 0.0858 } };
@@ -1002,8 +1013,8 @@ TEST(metal_lights_floors) {
     }
 }
 
-/* Returns the mean R on the floor of a wide room. All light comes from a bright spot on the ceiling, which is metal.
-   cells: limit of the store's cells */
+/* Returns the mean R on the floor of a wide room. All light comes from a bright spot on a ceiling of metal. cells:
+   limit of the cells of the store */
 static double below_a_spot(double roughness, int cells) {
     enum { SIDE = 24 };
     sbl_picture_desc view = scene_view(SIDE, SIDE, 80, 0, 2.5f, 0.01f, 0, 0, 0);
@@ -1032,8 +1043,8 @@ static double below_a_spot(double roughness, int cells) {
     return sum / (3 * SIDE * SIDE);
 }
 
-/* Light that bright metal sends counts once, whether glows or rays find it. The values are those of a path tracer of a
-   few lines, written for this room, whose noise is 0.7 %. */
+/* Light that bright metal reflects is counted once, whether glows or rays find it. The values are from a path tracer of
+   a few lines that was written for this room, with a noise of 0.7 %. */
 TEST(glows_of_metal_count_once) {
     static const double roughnesses[3] = { 0.45, 0.52, 1 }, traced[3] = { 1.252, 1.192, 0.467 };
     double light[3];
@@ -1047,7 +1058,7 @@ TEST(glows_of_metal_count_once) {
     CHECK(light[2] < 0.55 * light[1], "the roughest metal reflects %.3f, rough metal %.3f", light[2], light[1]);
 }
 
-/* Metal reflects almost nothing of the colours that its albedo lacks. The light in its lobe stays finite there. */
+/* Metal reflects almost no light of the colours that its albedo lacks, and the light in its lobe stays finite there. */
 TEST(lobes_may_be_black) {
     enum { SIDE = 32 };
     sbl_picture_desc view = scene_view(SIDE, SIDE, 40, 0.01f, 3, 0.013f, 0, 0, 0);
@@ -1072,11 +1083,12 @@ TEST(lobes_may_be_black) {
     scene_free(&s);
 }
 
-/* >>work */
+/* >>materials, steps and failures */
 
 enum { WIDTH = 40, HEIGHT = 30, FLOATS = 3 * WIDTH * HEIGHT };
 
-/* A scene with a rough plastic floor, a ball of metal, a mirror, a pane, a blended surface, a lamp and a light */
+/* Makes a scene with a rough plastic floor, a ball of metal, a mirror, a pane, a blended surface, a lamp and a
+   light. */
 static void glossy_scene(test_scene *s, int matte) {
     const int floor = scene_gloss(s, 0.5, 0.4, 0.3, 0, 0.3), metal = scene_gloss(s, 0.9, 0.8, 0.4, 1, 0.25);
     const int mirror = scene_gloss(s, 0.8, 0.8, 0.8, 1, 0), pane = scene_pane(s, 0.8, 0.9, 0.8, 1);
@@ -1135,7 +1147,7 @@ static double largest(const float *values, int count) {
     return most;
 }
 
-/* A scene of matte surfaces has no reflections, and materials that no mesh uses change no bit. */
+/* A scene of matte surfaces has no reflections, and materials that no mesh uses change no bit of the picture. */
 TEST(matte_scenes_stay_the_same) {
     const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     float *before[SBL_CHANNEL_COUNT], *after[SBL_CHANNEL_COUNT];
@@ -1156,8 +1168,8 @@ TEST(matte_scenes_stay_the_same) {
     scene_free(&s);
 }
 
-/* A room whose walls all emit e and reflect the share a of light on average has R = e / (1 - a). Plastic reflects what
-   the quadrature says. Walls that exist by half emit and reflect half. */
+/* A room whose walls all emit e and reflect the share a of light on average has R = e / (1 - a). Plastic reflects the
+   share given by the quadrature. Walls with a coverage of one half emit and reflect half. */
 TEST(rooms_reflect_their_mean) {
     enum { STEPS = 20 };
     const double base = 0.8, roughness = 0.6;
@@ -1196,7 +1208,8 @@ TEST(rooms_reflect_their_mean) {
     }
 }
 
-/* If no surface in view has a lobe, the error of FINAL is that of R, as a share: all surfaces have one albedo. */
+/* If no visible surface has a lobe, the relative error of FINAL equals that of R, because all surfaces have the same
+   albedo. */
 TEST(metal_out_of_view) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     test_scene s = { 0 };
@@ -1216,7 +1229,7 @@ TEST(metal_out_of_view) {
     scene_free(&s);
 }
 
-/* Other materials make the picture that a new scene with them makes: from matte to glossy, and back. */
+/* Changing materials gives the same picture as a new scene with them: from matte to glossy, and back. */
 TEST(materials_change) {
     const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     float *fresh[2][SBL_CHANNEL_COUNT], *changed[SBL_CHANNEL_COUNT];
@@ -1267,7 +1280,7 @@ TEST(paper_is_matte) {
     scene_free(&s);
 }
 
-/* A glossy picture in very short steps is the same to the bit, with and without reading it meanwhile. */
+/* A glossy picture in very short steps is the same to the bit, whether or not it is read meanwhile. */
 TEST(steps_make_the_same_picture) {
     const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     float *whole[SBL_CHANNEL_COUNT], *stepped[SBL_CHANNEL_COUNT];
@@ -1308,8 +1321,8 @@ TEST(steps_make_the_same_picture) {
     scene_free(&s);
 }
 
-/* A window of a glossy picture shows the surfaces of the whole, and about the same light. Its error is a share of the
-   whole picture's mean, if the host gives that. */
+/* A window of a glossy picture shows the same surfaces as the full picture, and about the same light. Its error is
+   relative to the mean of the full picture, if the host gives that. */
 TEST(windows_show_the_same) {
     static const int window[4] = { 10, 6, 20, 16 };
     static const sbl_channel channels[4] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_ALBEDO, SBL_CHANNEL_SPECULAR_ALBEDO,
@@ -1363,7 +1376,7 @@ TEST(windows_show_the_same) {
         forget(&q);
     }
     view = glossy_view(SBL_MODE_DIRECT);
-    view.price = 1e30f;  /* that of R. Looks at lobes have none: they go on until the target is met */
+    view.price = 1e30f;  /* looks at lobes have no price: they go on to the target */
     if (!scene_render(context, &s, &view)) return;
     printf("    with a price, predicted error %.5f\n", (double)sbl_query_stats(context).picture.specular_error);
     CHECK((double)sbl_query_stats(context).picture.specular_error < 1.1 * whole, "with a price of R, the predicted "
@@ -1371,7 +1384,7 @@ TEST(windows_show_the_same) {
     scene_free(&s);
 }
 
-/* A glossy picture that ends early, wherever it stops, leaves no memory. */
+/* A glossy picture that ends early, at any point, leaks no memory. */
 TEST(ends_leave_nothing) {
     const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     test_scene s = { 0 };
@@ -1396,7 +1409,8 @@ TEST(ends_leave_nothing) {
     scene_free(&s);
 }
 
-/* When memory runs out anywhere in a glossy picture, it fails, leaves nothing, and the next picture is as always. */
+/* When memory runs out anywhere in a glossy picture, the picture fails and leaks nothing, and the next picture is as
+   usual. */
 TEST(memory_runs_out) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
     float *expected, *final;
@@ -1460,12 +1474,12 @@ TEST(old_gl_makes_the_same_picture) {
     scene_free(&s);
 }
 
-/* >>errors */
+/* >>predicted errors */
 
 enum { ROOM_WIDTH = 80, ROOM_HEIGHT = 60, ROOM_PIXELS = ROOM_WIDTH * ROOM_HEIGHT, SEEDS = 3 };
 
-/* A room with two balls, of metal and of smooth plastic, and with a lamp just below the ceiling. Walls of kind 0 are of
-   rough plastic, of kind 1 of metal, of kind 2 matte. */
+/* Makes a room with two balls, of metal and of smooth plastic, and a lamp just below the ceiling. kind: 0: walls of
+   rough plastic; 1: of metal; 2: matte */
 static void glossy_room(test_scene *s, int kind) {
     const int walls = kind == 0 ? scene_gloss(s, 0.6, 0.6, 0.5, 0, 0.6)
                     : kind == 1 ? scene_gloss(s, 0.8, 0.7, 0.6, 1, 0.4) : scene_material(s, 0.6f, 0.6f, 0.5f);
@@ -1483,7 +1497,7 @@ static double luminance_of(const float *c) {
     return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
 }
 
-/* Sums over pixels, or over pictures; *2: of squares */
+/* Sums over pixels or over pictures; names that end in 2 are sums of squares. */
 typedef struct foretold { double off2, predicted2, of_r2, stated2, stated_r2, final; } foretold;
 
 /* Adds a picture to the sums. exact: the same picture without errors */
@@ -1505,8 +1519,8 @@ static void foretell(foretold *f, shot *p, shot *exact) {
     }
 }
 
-/* The predicted error of FINAL, by pixels and for the picture, is about the true one. The exact
-   picture has many rays at each pixel. */
+/* The predicted error of FINAL, for pixels and for the picture, is close to the true error. The exact picture has many
+   rays at each pixel. */
 TEST(errors_of_final_are_foretold) {
     int kind, seed, i;
     for (kind = 0; kind < 3; kind++) {
@@ -1544,7 +1558,7 @@ TEST(errors_of_final_are_foretold) {
 }
 
 /* Beside a lamp that almost touches a rough surface, one column of pixels reflects far more light than its neighbours.
-   Sensors of lobes stand there, because R tells of it. The view without `tile` has a sensor at each pixel. */
+   Sensors of lobes are placed there, because R reveals the lamp. The view without `tile` has a sensor at each pixel. */
 TEST(lamps_show_in_lobes_beside_them) {
     enum { SIDE = 64, COLUMN = 43 };
     static const float edge = (COLUMN + 0.5f) / (SIDE / 2) - 1 - 0.0005f;
@@ -1567,8 +1581,8 @@ TEST(lamps_show_in_lobes_beside_them) {
     scene_free(&s);
 }
 
-/* The squares of three parts add up to that of the error of FINAL: albedo * R, what sensors of lobes cause, and stored
-   light in lobes, which only SBL_MODE_GI has. */
+/* The squared error of FINAL is the sum of the squares of three parts: albedo * R, the error of the sensors of lobes,
+   and stored light in lobes, which only SBL_MODE_GI has. */
 TEST(parts_of_the_error_add_up) {
     int gi, i;
     for (gi = 0; gi < 2; gi++) {
@@ -1600,7 +1614,7 @@ TEST(parts_of_the_error_add_up) {
     }
 }
 
-/* The error of reflections is about as predicted. */
+/* The error of reflections is close to the prediction. */
 TEST(errors_are_foretold) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
     test_scene s = { 0 };
@@ -1629,7 +1643,7 @@ TEST(errors_are_foretold) {
     scene_free(&s);
 }
 
-/* Views that are drawn measure R; rays still measure the reflections. */
+/* With rasterised views for R, rays still measure the reflections. */
 TEST(views_and_lobes) {
     sbl_picture_desc view = scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
     double sums[2] = { 0, 0 };

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Tests of sbl.h in a program that uses GLX: tests/support/glx.c, on an X server that draws nothing.
+# Tests of sbl.h in a program that uses GLX. The program is tests/support/glx.c, which runs on a virtual X server.
 set -u
 export LC_ALL=C LIBGL_ALWAYS_SOFTWARE=1
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 
 has() { printf '#include <%s>\n' "$1" | gcc -E -x c - > /dev/null 2>&1; }
-# build/sbl.o is built with any test
+# scripts/build makes build/sbl.o together with any test
 compiles() {
     scripts/build test_pinned && gcc -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror \
         tests/support/glx.c build/sbl.o -lGL -lX11 -lEGL -lm -o "$folder/glx"

@@ -1,4 +1,4 @@
-/* Tests of light groups: they add up to the whole light, which they do not change, and each is the light of a scene
+/* Tests light groups. Their sum equals the total light, which they do not change, and each equals the light of a scene
    that has only the lights of this group. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -17,7 +17,7 @@ static int cells = 1024;  /* sbl_scene_desc.max_bounce_cells */
 static float on(int group, int only) { return only == NONE || only == group ? 1.0f : 0.0f; }
 
 /* Makes a room with a window in the ceiling, a box on the floor, and lights of all kinds, each with its own group.
-   only: a group whose lights are on, while those of other groups are off; NONE: all are on */
+   only: a group whose lights are on, while all others are off; NONE: all are on */
 static void room(int only) {
     int white, red, lamp, i;
     sbl_light *light;
@@ -45,7 +45,8 @@ static void room(int only) {
     scene_sky(&s, 0.5f * on(SKIES, only), 0.7f * on(SKIES, only), on(SKIES, only));
 }
 
-/* Makes the context if there is none, and sets the scene. groups: number of light groups; 0: sources lose theirs */
+/* Creates the context if there is none, and sets the scene. Returns 0 on failure. groups: number of light groups; 0:
+   sources have no group */
 static int set(int groups, int sky_group) {
     static test_scene empty;
     sbl_scene_desc desc;
@@ -61,8 +62,8 @@ static int set(int groups, int sky_group) {
     return sbl_set_scene(context, &desc) == SBL_SUCCESS;
 }
 
-/* Compares `groups` arrays of floats, with `stride` floats from one group to the next, with the whole: the sums, as a
-   share of the mean of the whole. Returns the largest difference. */
+/* Compares the sum of `groups` arrays of floats with the array `whole`. stride: floats from one group to the next.
+   Returns the largest difference, relative to the mean of `whole`. */
 static double sum_off(const float *whole, const float *parts, int groups, size_t stride, size_t count, double *mean) {
     double off = 0;
     size_t i;
@@ -91,7 +92,8 @@ static int is_black(const float *light, int count) {
 
 /* >>readings */
 
-/* Measures R and, if groups is not NULL, the groups at sites on floor and wall: arrays of 3 * SITES floats. */
+/* Measures R and, if groups is not NULL, the groups at sites on floor and wall. R and each group have 3 * SITES
+   floats. */
 static sbl_result measure(sbl_mode mode, float *R, float *groups, int group_count) {
     static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
@@ -128,8 +130,8 @@ static sbl_result measure(sbl_mode mode, float *R, float *groups, int group_coun
     return result;
 }
 
-/* Light groups of readings add up to R, which has the bits of readings without groups, and each is the light of a
-   scene with only its lights: with direct light, with bounces, and with a box of metal. */
+/* The sum of the light groups of readings equals R, which has the bits of readings without groups, and each group is
+   the light of a scene with only its lights: with direct light, with bounces, and with a box of metal. */
 TEST(readings_have_groups) {
     static const sbl_mode modes[3] = { SBL_MODE_DIRECT, SBL_MODE_GI, SBL_MODE_GI };
     int run, g;
@@ -163,7 +165,7 @@ TEST(readings_have_groups) {
     }
 }
 
-/* However many groups there are, the last one has all light if all sources belong to it, in all three colours. */
+/* If all sources belong to the last group, it has all light in all three channels, whatever the number of groups. */
 TEST(the_last_group_has_all) {
     static float R[3 * SITES], groups[3 * SITES * SBL_MAX_LIGHT_GROUPS];
     double off, mean;
@@ -180,7 +182,7 @@ TEST(the_last_group_has_all) {
     }
 }
 
-/* Readings whose light overflows are not valid, and have no light, whole or in groups. */
+/* Readings whose light overflows are not valid, and their light is 0, in total and in groups. */
 TEST(invalid_readings_have_no_groups) {
     static sbl_site site;
     static sbl_reading reading;
@@ -207,8 +209,8 @@ TEST(invalid_readings_have_no_groups) {
           reading.valid, (double)reading.radiance[0], (double)groups[0], (double)groups[3]);
 }
 
-/* A closed box whose walls all emit e and reflect a: R is e / (1 - a). By symmetry, the walls across each axis cause a
-   third of it on average, if they are a group. */
+/* In a closed box whose walls all emit e and reflect a, R is e / (1 - a). If the walls across each axis are a group,
+   they cause a third of it on average, by symmetry. */
 TEST(groups_of_a_furnace) {
     enum { SIDES = 6 };
     static sbl_site sites[SIDES];
@@ -223,7 +225,7 @@ TEST(groups_of_a_furnace) {
         s.materials[i].albedo[0] = s.materials[i].albedo[1] = s.materials[i].albedo[2] = 0.5f;
     }
     scene_box(&s, 0, -1, -1, -1, 1, 1, 1);
-    for (i = 0; i < 6; i++) s.meshes[i].material = i / 2;  /* scene_box: two sides each across x, y and z */
+    for (i = 0; i < 6; i++) s.meshes[i].material = i / 2;  /* the sides of scene_box: two each across x, y and z */
     memset(&desc, 0, sizeof desc);
     for (i = 0; i < SIDES; i++) sites[i].normal[i / 2] = i % 2 ? -1.0f : 1.0f;
     desc.sites = sites;
@@ -238,8 +240,8 @@ TEST(groups_of_a_furnace) {
     for (g = 0; g < 3; g++) CHECK(fabs(3 * thirds[g] - 1) < 0.03, "group %d has %g of a third", g, 3 * thirds[g]);
 }
 
-/* The same box, whose walls emit by a texture. Sensors close to the edges have rays that meet walls nearby and choose
-   the same wall as the lamp that shines there. They are valid. */
+/* The same box, whose walls emit by a texture. Sensors close to the edges have rays that hit nearby walls and also
+   choose the same wall as a lamp. Their readings are valid. */
 TEST(groups_of_textured_walls) {
     static const unsigned char white[4] = { 255, 255, 255, 255 };
     static float R[3 * SITES], groups[3 * SITES * 3];
@@ -259,8 +261,8 @@ TEST(groups_of_textured_walls) {
         CHECK(fabs((double)R[3 * i] - 1) < 0.1 || i % 2, "R of site %d is %g", i, (double)R[3 * i]);
 }
 
-/* A small patch above black ground, which two spot lights shine at, becomes glows. Their light belongs to the groups of
-   the spot lights, in other shares in the middle of the patch than at its edge. */
+/* A small patch above black ground, lit by two spot lights, becomes glows. Their light belongs to the groups of the
+   spot lights, with other shares in the middle of the patch than at its edge. */
 TEST(groups_of_glows) {
     static float whole[3 * SITES], groups[3 * SITES * 2], alone[3 * SITES];
     double off, mean = 0;
@@ -292,7 +294,7 @@ TEST(groups_of_glows) {
 
 /* >>lightmaps */
 
-/* A floor under two lamps, each a group: closed forms. */
+/* A floor under two lamps, each a group of its own, agrees with closed forms. */
 TEST(groups_of_two_lamps) {
     static const float lamps[2][12] = { { -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f },
                                         { 3, 0.6f, -1, 3, 0.6f, 0.5f, 3, 2, 0.5f, 3, 2, -1 } };
@@ -329,9 +331,9 @@ TEST(groups_of_two_lamps) {
     free(position); free(id); free(group[0]); free(group[1]);
 }
 
-/* Light groups of a lightmap add up to FINAL, which has the bits of a lightmap without groups, and each is the lightmap
-   of a scene with only its lights. The same map in steps has the same bits. A window of the whole map, joined, is the
-   map. */
+/* The sum of the light groups of a lightmap equals FINAL, which has the bits of a lightmap without groups, and each
+   group is the lightmap of a scene with only its lights. The same map in steps has the same bits. A window that covers
+   the map, joined, equals the map. */
 TEST(lightmaps_have_groups) {
     enum { SIZE = 24, TEXELS = SIZE * SIZE / 2 };
     static float group[3 * TEXELS * GROUPS], again[3 * TEXELS * GROUPS];
@@ -423,9 +425,9 @@ TEST(groups_of_stored_light) {
     }
 }
 
-/* Surfaces without sensors show the stored light of the groups beside glows: a patch that a spot light shines at, above
-   a floor. A lamp of another group hangs between them. The floor shows what the patch and the lamp send it. If it is of
-   metal, the ceiling around the patch shows what it sends back. */
+/* Surfaces without sensors show the stored light of the groups beside glows: a spot light lights a patch above a floor,
+   and a lamp of another group hangs between them. The floor shows the light from the patch and from the lamp. If the
+   floor is of metal, the ceiling around the patch shows the light that the floor reflects. */
 TEST(stored_groups_beside_glows) {
     enum { SIZE = 10, TEXELS = SIZE * SIZE };
     static float group[2][3 * TEXELS];
@@ -478,7 +480,8 @@ TEST(stored_groups_beside_glows) {
 
 /* >>vertices, probes */
 
-/* Light groups at vertices add up and are each that of a scene with only its lights. So are those of probes. */
+/* The sum of light groups at vertices equals the total, and each equals that of a scene with only its lights. The same
+   holds for probes. */
 TEST(vertices_and_probes_have_groups) {
     static float whole[3 * VERTICES], alone[3 * VERTICES], group[3 * VERTICES * GROUPS];
     static sbl_probe probes[PROBES], parts[PROBES * GROUPS], single[PROBES];
@@ -506,7 +509,8 @@ TEST(vertices_and_probes_have_groups) {
                     sbl_bake_probes(context, &air) == SBL_SUCCESS, "%s", watch_last(&seen));
         off = g == NONE ? sum_off(whole, group, GROUPS, floats, floats, &mean)
                         : apart(alone, group + floats * (size_t)g, floats) / mean;
-        /* groups are clamped at 0 one by one, the whole only once, and they must add up: they differ more than noise */
+        /* The groups are clamped at 0 one by one, the total only once, and they must add up, so they differ by more
+           than noise. */
         printf("  vertices, %d: off by %.1e of the mean\n", g, off);
         CHECK(off < (g == NONE ? 1e-6 : 0.08), "vertices, %d: off by %g of the mean", g, off);
         for (i = 0, probe_off = 0; i < PROBES * 27; i++) {
@@ -529,7 +533,7 @@ TEST(vertices_and_probes_have_groups) {
         CHECK(parts[i].valid == probes[i / GROUPS].valid && parts[i].sky == probes[i / GROUPS].sky, "probe %d", i);
 }
 
-/* >>stores, changes of lights */
+/* >>stores, and changes of lights */
 
 static struct { unsigned char bytes[STREAM]; size_t count, at; } stream;
 
@@ -549,7 +553,7 @@ static size_t get(void *data, size_t bytes, void *user) {
     return bytes;
 }
 
-/* Saved stores hold the groups; they fit only scenes with the same groups. */
+/* Saved stores contain the groups, and fit only scenes with the same groups. */
 TEST(saved_stores_have_groups) {
     static float R[3 * SITES], before[3 * SITES * GROUPS], after[3 * SITES * GROUPS];
     uint64_t print, sum;
@@ -559,7 +563,7 @@ TEST(saved_stores_have_groups) {
     print = sbl_scene_fingerprint(context);
     stream.count = 0;
     REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
-    for (run = 0; run < 4; run++) {  /* the same scene; the groups of a light, a material, or the sky differ */
+    for (run = 0; run < 4; run++) {  /* the same scene with another group of a light, of a material, or of the sky */
         stream.at = 0;
         if (run == 1) s.lights[0].light_group = SUNS;
         if (run == 2) s.lights[0].light_group = POINTS;
@@ -593,7 +597,7 @@ TEST(saved_stores_have_groups) {
           "groups are loaded into a scene without them: %s", watch_last(&seen));
 }
 
-/* After lights have moved to another group, the groups are those of a new scene with these lights. */
+/* After lights have moved to another group, the groups equal those of a new scene with these lights. */
 TEST(lights_change_groups) {
     static float R[3 * SITES], changed[3 * SITES * GROUPS], fresh[3 * SITES * GROUPS];
     double off, mean;
@@ -613,7 +617,7 @@ TEST(lights_change_groups) {
     CHECK(off < 0.01 * mean, "off by %g, mean %g", off, mean);
 }
 
-/* >>mistakes, memory */
+/* >>mistakes and lack of memory */
 
 static void refused(sbl_result result, sbl_log_item item, const char *words) {
     CHECK(result == SBL_ERROR_INVALID_ARGUMENT && watch_said(&seen, SBL_LOG_ERROR, item, words, NULL, NULL),
@@ -665,7 +669,7 @@ TEST(mistakes_with_groups) {
     vertices.radiance = vertices.groups = light;
     vertices.float_count = 3 * VERTICES;
     refused(sbl_begin_vertices(context, &vertices), SBL_LOG_ITEM_INVALID_VERTICES_DESC, "group_float_count is 0");
-    vertices.group_float_count = 3 * VERTICES;  /* enough for one group */
+    vertices.group_float_count = 3 * VERTICES;  /* room for one group only */
     refused(sbl_begin_vertices(context, &vertices), SBL_LOG_ITEM_INVALID_VERTICES_DESC, "group_float_count is 600");
     REQUIRE(set_count(0, 0) != SBL_SUCCESS, "groups without a count are accepted");
     room(NONE);
@@ -677,7 +681,8 @@ TEST(mistakes_with_groups) {
             "the scene has no light groups");
 }
 
-/* The estimate of a lightmap's memory contains what ON LIGHT GROUPS tells of the texels and of the store. */
+/* The estimate of the memory of a lightmap includes the amounts that ON LIGHT GROUPS states for texels and for the
+   store. */
 TEST(groups_need_what_is_told) {
     enum { TOLD = 44, CELL = 12 + 16 + 4 * 24, SMALL = 32, LARGE = 1024 };  /* a cell has up to 4 points at first */
     double need[2][2][3];
@@ -706,7 +711,8 @@ TEST(groups_need_what_is_told) {
     }
 }
 
-/* The estimate of a lightmap's memory is large enough if textures of sensors with many rays are the largest part. */
+/* The estimate of the memory of a lightmap is large enough if textures of sensors with many rays are the largest
+   part. */
 TEST(memory_is_foretold) {
     sbl_lightmap_desc desc = map_of(4, 4, SBL_MODE_DIRECT);
     double need, before, most = 0;
@@ -740,8 +746,8 @@ static sbl_result bake_two(const void *desc) {
     return result;
 }
 
-/* Whichever allocation fails while a lightmap with groups or a store with groups is made, the call says so and leaks
-   nothing, and the next one succeeds. */
+/* Whichever allocation fails while a lightmap or a store with groups is made, the call reports it and leaks nothing,
+   and the next one succeeds. */
 TEST(memory_runs_out) {
     static float R[3 * SITES], groups[3 * SITES * 2];
     sbl_lightmap_desc desc = map_of(16, 8, SBL_MODE_DIRECT);
@@ -769,7 +775,7 @@ TEST(memory_runs_out) {
 }
 
 int main(void) {
-    RUN_UNSANITIZED(readings_have_groups);  /* others of these tests read groups of readings with sanitizers */
+    RUN_UNSANITIZED(readings_have_groups);  /* other tests read groups of readings with sanitizers */
     RUN_UNSANITIZED(the_last_group_has_all);
     RUN(invalid_readings_have_no_groups);
     RUN(groups_of_a_furnace);

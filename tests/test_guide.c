@@ -1,7 +1,7 @@
-/* Tests of guides, which direct the rays of sensors when light comes through a hole: their densities, single rays
-   compared with the hole, and the pictures. */
+/* Tests guides, which direct the rays of sensors when light comes through a hole: their densities, single rays compared
+   with the hole, and the pictures. */
 #define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
+#define SBL_STATIC  /* the compiler then drops the functions that this program does not call */
 #define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
@@ -14,7 +14,7 @@ enum { WIDTH = 96, HEIGHT = 72, PIXELS = WIDTH * HEIGHT };
 static watch seen;
 static test_scene dark_room;
 
-/* A closed room under a sky of 1, with a hole in its ceiling: x and z from -0.3 to 0.3. */
+/* A closed room under a sky of 1, with a hole in its ceiling for x and z from -0.3 to 0.3. */
 static const float hole = 0.3f, lid = 1.5f;
 
 static void dark_room_make(test_scene *s) {
@@ -43,7 +43,8 @@ static sbl_picture_desc view_of(void) {
 
 /* >>densities */
 
-/* The weights of a guide's rays have the mean 1, none exceeds the limit, and rays go where the scouts found light. */
+/* The weights of the rays of a guide have the mean 1, none exceeds the limit, and rays go where the scouts found
+   light. */
 TEST(guides_are_densities) {
     static float found[SBL__GUIDE_BINS];
     static uint32_t words[SBL__GUIDE_WORDS];
@@ -62,7 +63,7 @@ TEST(guides_are_densities) {
             if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
             if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
             all += weight;
-            weights += weight * u[0];  /* the weighted mean of any function stays the same; here of u itself */
+            weights += weight * u[0];  /* the weighted mean of any function stays the same, here of u itself */
             in_bright += bin == bright;
         }
         REQUIRE(count == 512 * 512, "guide %d: point %d is outside of the range, or its weight too large", kind, i);
@@ -76,8 +77,8 @@ TEST(guides_are_densities) {
     }
 }
 
-/* The density is the root of what scouts found, which is smoothed with weights of 0.2, 0.6 and 0.2 along both axes. The
-   last sector is a neighbour of the first one. */
+/* The density is the root of the light that scouts found, smoothed with weights of 0.2, 0.6 and 0.2 along both axes.
+   The last sector is a neighbour of the first. */
 TEST(densities_follow_roots) {
     enum { SIDE = 1024, RING = 5 };
     static const int bins[5][2] = { { 0, 0 }, { -1, 0 }, { 1, 0 }, { 0, 1 }, { 0, SBL__GUIDE_SECTORS - 1 } };
@@ -112,8 +113,8 @@ static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double 
     return t;
 }
 
-/* Inspected rays report the right direction and radiance; most of them pass through the hole; their weighted sum is R
-   of the sensor. */
+/* Inspected rays report the right direction and radiance. Most of them pass through the hole, and their weighted sum is
+   R of the sensor. */
 TEST(rays_go_through_the_hole) {
     static float radiance[4 * 4096], weights[4096];
     sbl_context_desc desc = watch_desc(&seen);
@@ -234,7 +235,7 @@ TEST(few_rays_do) {
 }
 
 /* If looks are too noisy for the target error, they get more rays, also with guides. The largest number of rays per
-   sensor stays the same. */
+   sensor does not change. */
 TEST(looks_grow) {
     static const float asked[2] = { 0.3f, 0.01f };
     sbl_context_desc desc = watch_desc(&seen);
@@ -244,7 +245,7 @@ TEST(looks_grow) {
         sbl_picture_desc view = view_of();
         const sbl__spec *spec = &context->picture.map.spec;
         view.target_error = asked[i];
-        if (i) view.tile = 32;  /* one round is enough */
+        if (i) view.tile = 32;  /* one round suffices */
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
         while (context->picture.map.refine.stages.stage != SBL__REFINE_SPEND)  /* a round that is not started again */
             REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "the picture ended before the first round");
@@ -262,8 +263,9 @@ TEST(looks_grow) {
     sbl_destroy(context);
 }
 
-/* A guide is used for other sensors only if the sectors of its rings begin on the same side: not across the plane where
-   sbl__frame is discontinuous. */
+/* A guide may be shared between two sensors only if their tangent frames nearly agree, because a guide stores azimuths
+   relative to the tangent. sbl__frame flips the tangent across a plane, so normals on opposite sides of it cannot share
+   a guide. */
 TEST(guides_serve_their_like) {
     static const struct { float normal[3]; int serves; } others[] = {
         { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 },
@@ -293,7 +295,7 @@ TEST(even_light_needs_no_guide) {
         double worst = 0, least = HUGE_VAL;
         memset(found, 0, sizeof found);
         memset(words, 0, sizeof words);
-        for (i = 0; i < 6 * SBL__GUIDE_BINS; i++) {  /* six scouts per bin, on average */
+        for (i = 0; i < 6 * SBL__GUIDE_BINS; i++) {  /* six scouts per bin on average */
             const int bin = (int)(ref_random(&seed) * SBL__GUIDE_BINS);
             if (run == 0 || bin < SBL__GUIDE_BINS / 10) found[bin] += 1;
         }
@@ -311,7 +313,7 @@ TEST(even_light_needs_no_guide) {
     }
 }
 
-/* A larger picture has no more guides; they are further apart. */
+/* A larger picture does not have more guides; they are further apart. */
 TEST(guides_are_bounded) {
     sbl__core core;
     sbl__refine r;
@@ -331,8 +333,8 @@ TEST(guides_are_bounded) {
     sbl__free(&core.base, r.guides.words);
 }
 
-/* Finds the guide of a pixel of the whole picture. Returns NULL if there is none, or too few are around it: those of a
-   window know only scouts of its working grid. */
+/* Returns the guide of a pixel of the full picture, or NULL if there is none or too few surround it, because a window
+   knows only the scouts of its working grid. */
 static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
     const sbl__guides *g = &r->guides;
     const int column = x / g->step - g->first[0], row = y / g->step - g->first[1];
@@ -340,8 +342,8 @@ static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
     return sbl__guide_words(g, 1 + row * g->columns + column);
 }
 
-/* The guides of a window are on the grid of the whole picture, and are the same. A picture as large as the window would
-   have guides at every second pixel, not at every fourth. */
+/* The guides of a window are on the grid of the full picture, and equal those of the full picture. A picture as large
+   as the window would have guides at every second pixel, not at every fourth. */
 TEST(windows_have_the_guides_of_the_whole) {
     enum { ACROSS = 192, DOWN = 144 };
     static const int window[4] = { 70, 40, 57, 63 };
@@ -396,8 +398,8 @@ TEST(memory_runs_out) {
           seen.blocks, seen.strangers);
 }
 
-/* Returns 1 if rays are to be guided after round `round` of a traced picture with a target error of 1 %, whose looks
-   have this relative variance. guided: 1: they are guided already; rays: sbl_options.rays */
+/* Returns 1 if rays are to be guided after the round `round` of a traced picture with a target error of 1 %, whose
+   looks have this relative variance. guided: 1 if they are guided already; rays: sbl_options.rays */
 static int needs_guides(double variance, int round, int guided, int rays) {
     sbl__refine r;
     sbl__spec spec;
@@ -416,7 +418,8 @@ static int needs_guides(double variance, int round, int guided, int rays) {
     return sbl__refine_needs_guides(&r);
 }
 
-/* Rays are guided once, after the first round, if a look's variance is 12.5 times the square of the target error. */
+/* Rays are guided once, after the first round, if the variance of a look is 12.5 times the square of the target
+   error. */
 TEST(noisy_looks_need_guides) {
     CHECK(needs_guides(12.6e-4, 1, 0, 0), "noisy looks are not guided");
     CHECK(!needs_guides(12.4e-4, 1, 0, 0), "looks with little noise are guided");

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Tests of sbl.h as a file: the languages and compilers it supports, the symbols and names it exports, and whether its
-# manual agrees with the code.
+# Tests of sbl.h as a file: supported languages and compilers, exported symbols and names, and the agreement of its
+# manual with the code.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -9,10 +9,10 @@ warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
 # >>compilers
 
-# language STANDARD: the compiler's name for it
+# language STANDARD: prints the name of the language for the option -x
 language() { case $1 in c++*) echo c++ ;; *) echo c ;; esac; }
 
-# compiles COMPILER STANDARD DEFINES...: includes sbl.h twice, first for the declarations only
+# compiles COMPILER STANDARD DEFINES...: compiles a file that includes sbl.h twice, first for the declarations only
 compiles() {
     compiler=$1 standard=$2
     shift 2
@@ -26,14 +26,14 @@ compiles() {
     } > "$folder/unit.c"
     # SBL_STATIC must be defined before the first inclusion
     case " $* " in *" SBL_STATIC "*) sed -i 1d "$folder/unit.c" ;; esac
-    # gcc finds unused functions only when it generates code; clang finds them always. Later standards differ only in
-    # what they accept. The objects with EGL are linked into the programs below.
+    # gcc finds unused functions only when it generates code; clang always finds them. Later standards differ only in
+    # the code that they accept. The objects with EGL are linked into the programs below.
     case $compiler,$standard,$* in
         gcc,c99,*_EGL | gcc,c++11,*_EGL) output="-c -o $folder/unit_$standard.o" ;;
         gcc,c99,* | gcc,c++11,*) output="$code" ;;
         *) output=-fsyntax-only ;;
     esac
-    # $warnings and $output are lists of words
+    # the words of $warnings and $output become arguments
     $compiler -x "$(language "$standard")" -std="$standard" $warnings -I . $output "$folder/unit.c"
 }
 
@@ -43,7 +43,7 @@ for compiler in gcc clang; do
     for standard in c99 c11 c17 c++11 c++17; do
         check "declarations_${compiler}_$standard" compiles $compiler $standard
         check "implementation_egl_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL
-        case $standard in c99 | c++11) ;; *) continue ;; esac  # the rest of these variants is a part of the above
+        case $standard in c99 | c++11) ;; *) continue ;; esac  # the tests above contain the other standards
         check "implementation_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION
         check "implementation_static_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL \
             SBL_STATIC
@@ -52,7 +52,8 @@ for compiler in gcc clang; do
     done
 done
 
-# macros of other headers: None, Bool, Status, Always, Success, I, major, minor; test_windows.sh tests windows.h
+# A file defines the macros None, Bool, Status, Always, Success, I, major and minor, as other headers do.
+# test_windows.sh tests windows.h.
 beside_xlib() {
     headers='#include <X11/Xlib.h>\n#include <X11/Xutil.h>\n#include <complex.h>\n#include <sys/sysmacros.h>\n'
     case $1 in first) printf "$headers" > "$folder/xlib.c" ;; *) : > "$folder/xlib.c" ;; esac
@@ -67,7 +68,7 @@ else
     skip compiles_beside_xlib "no X11/Xlib.h (libx11-dev)"
 fi
 
-# program NAME STANDARD-OF-THE-IMPLEMENTATION
+# program NAME STANDARD: builds a program; STANDARD is that of the implementation
 program() {
     gcc -std=c99 $warnings -c tests/header/caller.c -o "$folder/caller.o" &&
     g++ -std=c++11 $warnings -c tests/header/main.cpp -o "$folder/main.o" &&
@@ -90,7 +91,7 @@ fi
 
 # >>exported symbols and names
 
-# object FLAGS...: compiles the implementation; its symbols are in $folder/symbols
+# object FLAGS...: compiles the implementation, and lists its symbols in $folder/symbols
 object() {
     gcc -I . -fno-pie -w "$@" -c -o "$folder/object.o" tests/header/implementation.c &&
         nm "$folder/object.o" > "$folder/symbols"
@@ -98,7 +99,7 @@ object() {
 
 exports_only() {
     object "$@" || return
-    # functions of <math.h> for C++ are weak symbols of the namespace std
+    # in C++, functions of <math.h> are weak symbols of the namespace std
     awk '$2 ~ /^[A-Z]$/ && $2 != "U" && $3 !~ /^sbl_[a-z]/ && $2 $3 !~ /^W_ZSt/' "$folder/symbols" > "$folder/strangers"
     awk '$2 == "T" { print $3 }' "$folder/symbols" | sort > "$folder/exports"
     [ -s "$folder/exports" ] && nothing "$folder/strangers"
@@ -119,10 +120,10 @@ check exports_nothing_but_sbl_functions_from_cpp exports_only -x c++
 check a_given_api_keeps_c_names exports_only -x c++ '-DSBL_API=__attribute__((visibility("default")))'
 check static_exports_nothing exports_nothing
 check no_stdio_writes_nowhere no_stdio
-check exports_nothing_but_sbl_functions exports_only  # the tests below use the lists that it leaves
+check exports_nothing_but_sbl_functions exports_only  # the tests below use the lists that this test writes
 check no_mutable_globals no_globals
 
-# includes FILE: lists the headers that sbl.h includes, in order, without those in the manual's examples
+# includes FILE: lists the headers that sbl.h includes, in order. Headers in the examples of the manual are not listed.
 includes() { sed '1,/^\*\/$/d' "$@" | sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p'; }
 only_system_includes() {
     grep -n '^ *# *include *"' sbl.h |
@@ -131,7 +132,7 @@ only_system_includes() {
     includes sbl.h | grep -vxE "<($standard|sys/time|EGL/egl|EGL/eglext)\.h>" >> "$folder/strangers"
     nothing "$folder/strangers"
 }
-# direct FLAGS...: lists the files that sbl.h itself includes
+# direct FLAGS...: lists the headers that sbl.h itself includes
 direct() {
     gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u
 }
@@ -149,14 +150,14 @@ check only_system_includes only_system_includes
 check declarations_include_stddef_and_stdint declarations_include_little
 check egl_only_when_asked egl_only_when_asked
 
-# The names that a file declares, as macros or otherwise, without those of its system headers.
+# These functions list the names that a file declares, as macros or otherwise, without the names of its system headers.
 macros() { gcc -x c -std=c99 -I . -dM -E "$@" "$folder/names.c" | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u; }
 declarations() {
     clang -x c -std=c99 -I . -w -fsyntax-only -fno-color-diagnostics -Xclang -ast-dump "$@" "$folder/names.c" | awk '
         /^[|`]-(Typedef|Function|Var|Record|Enum)Decl / || /^[| ] [|`]-EnumConstantDecl / {
-            sub(/\047.*/, "")             # the type
+            sub(/\047.*/, "")             # keeps the type
             sub(/ definition *$/, "")
-            if ($NF !~ /[:>]|^(struct|union)$/) print $NF  # declarations without a name
+            if ($NF !~ /[:>]|^(struct|union)$/) print $NF  # a declaration may have no name
         }' | sort -u
 }
 leaks() {
@@ -186,7 +187,7 @@ fi
 
 # >>the manual
 
-# the manual is the comment at the top
+# the manual is the comment at the top of sbl.h
 sed '/^\*\/$/q' sbl.h > "$folder/manual"
 
 index_is_complete() {
@@ -219,13 +220,13 @@ defaults_agree() {
 }
 check comments_name_the_defaults defaults_agree
 
-# linked PROGRAM FILE: compiles a file as its author would, and links it with the object of the implementation
+# linked PROGRAM FILE: compiles a file as a user would, and links it with the object of the implementation
 linked() {
     gcc -std=c99 $warnings -I . -fsyntax-only "$2" &&
     gcc -std=c99 $warnings -I . -DSBL_IMPLEMENTATION_INCLUDED "$2" "$folder/unit_c99.o" -lEGL -lm -o "$1"
 }
 
-# Runs the quick start of the manual, with the last line replaced by one that checks the picture.
+# Runs the quick start of the manual. Its last line is replaced by one that checks the picture.
 quick_start_runs() {
     sed -n '/^   QUICK START$/,/^   FUNCTIONS$/s/^       //p' "$folder/manual" > "$folder/quick.c"
     grep -q '^int main' "$folder/quick.c" || return
@@ -237,9 +238,9 @@ quick_start_runs() {
 }
 check quick_start_compiles_and_draws quick_start_runs
 
-# The other snippets of the manual are compiled as statements, with a context, a scene, its lights and materials, an
-# array of floats and a number of vertices as variables. Text without semicolons is a formula. test_windows.sh compiles
-# the programs of the chapters on embedding.
+# The other snippets of the manual are compiled as statements. They may use these variables: a context, a scene, its
+# lights and materials, an array of floats and a number of vertices. Text without semicolons is a formula and is
+# skipped. test_windows.sh compiles the programs of the chapters on embedding.
 manual_snippets() {
     awk -v folder="$folder" '
         function end() { if (text ~ /;\n/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
@@ -264,8 +265,9 @@ manual_snippets() {
 }
 check manual_snippets_compile manual_snippets
 
-# The blocks of README.md marked c: blocks with a main are run as programs; blocks with an #include are compiled as a
-# file; others are compiled as statements, with a context, a scene and a picture as variables.
+# The blocks of README.md that are marked c are compiled. A block with a main function is run as a program; a block with
+# an #include is compiled as a file; any other block is compiled as statements, with a context, a scene and a picture as
+# variables.
 snippet_compiles() {
     code=$1
     if ! grep -q '^ *# *include' "$code"; then
@@ -310,7 +312,7 @@ nothing_left_to_do() {
 }
 check nothing_left_to_do nothing_left_to_do
 top_level() {
-    # if git lists no files, all files count except those that were built
+    # without git, all files count except those that were built
     { git ls-files 2> /dev/null | grep . || ls -A; } | sed 's|/.*||' | sort -u |
         grep -vxE 'sbl\.h|examples|shaders_embedded|tests|scripts|LICENSE|README\.md|build|\..*' > "$folder/strangers"
     nothing "$folder/strangers"
@@ -322,8 +324,8 @@ check top_level_is_tidy top_level
 check rooms_keep_their_rules python3 tests/tools/rooms.py
 check words_keep_their_meaning python3 tests/tools/words.py
 
-# Only material.glsl and >>material compute what a surface does with light. Other shaders must neither read fields of a
-# material nor multiply by an albedo or by epsilon. $1 is the folder of shaders.
+# one_material FOLDER: only material.glsl and the section >>material may compute how a surface changes light. Other
+# shaders in the folder must not read fields of a material, and must not multiply by an albedo or by epsilon.
 one_material() {
     for shader in "$1"/*.glsl; do
         [ "${shader##*/}" = material.glsl ] || sed 's|//.*||' "$shader" | tr '\n' ' ' | tr ';{}' '\n\n\n' |
@@ -339,7 +341,7 @@ one_material() {
     nothing "$folder/strangers"
 }
 check one_place_for_materials one_material shaders_embedded
-# tests that one_material finds such lines
+# one_material must find such lines
 material_is_guarded() {
     for line in 'light = s.material.albedo * light;' 'light *= m.albedo;' \
         'light = texelFetch(sample_albedo, at, 0).rgb * light;' \
@@ -350,7 +352,7 @@ material_is_guarded() {
     done
 }
 check one_place_for_materials_is_guarded material_is_guarded
-# numbers that C passes to shaders must not be written in shaders
+# shaders must not contain numbers that C passes to them
 one_number() {
     ! grep -nE '3\.14|6\.28|0\.2126|0\.282|0\.488|1e30|16777216|65535\.0|0x9e3779b1' shaders_embedded/*.glsl
 }

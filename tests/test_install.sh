@@ -1,5 +1,6 @@
 #!/bin/sh
-# Tests of scripts/install: the installed files work for pkg-config, CMake and man, and --uninstall removes all of them.
+# Tests of scripts/install. The installed files must work with pkg-config, CMake and man, and --uninstall must remove
+# all of them.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -27,11 +28,11 @@ cat > "$folder/expected" << 'END'
 ./share/man/man1/sbl_unwrap.1
 ./share/pkgconfig/sbl.pc
 END
-# what is left out without npm's watlas in build/, and without node
+# files that are not installed without watlas of npm in build/, or without node
 [ -f build/node_modules/watlas/dist/watlas.wasm ] || sed -i /watlas/d "$folder/expected"
 command -v node > /dev/null || sed -i /sbl_unwrap.1/d "$folder/expected"
 view=
-if pkg-config --exists glfw3; then  # otherwise sbl_view is not built
+if pkg-config --exists glfw3; then  # without GLFW sbl_view is not built
     view=sbl_view
     printf './bin/sbl_view\n./share/man/man1/sbl_view.1\n' >> "$folder/expected"
     sort -o "$folder/expected" "$folder/expected"
@@ -80,7 +81,7 @@ fi
 if grep -q wasm "$folder/expected" && command -v node > /dev/null; then check sbl_unwrap_finds_its_package unwraps
 else skip sbl_unwrap_finds_its_package "npm's watlas is missing (scripts/setup --unwrap)"; fi
 
-# >>a program that also checks that it was compiled with the installed header
+# >>a program that uses the installed header, and checks this
 
 cat > "$folder/program.c" << 'END'
 #define SBL_IMPLEMENTATION
@@ -113,7 +114,7 @@ cmake_project() {
 cmake_minimum_required(VERSION 3.5...3.25)
 project(program C)
 find_package(sbl $1 REQUIRED)
-find_package(sbl $1 REQUIRED)  # as a package that other packages depend on
+find_package(sbl $1 REQUIRED)  # another package may depend on it
 add_executable(program program.c)
 target_link_libraries(program PRIVATE sbl::sbl)
 END
@@ -123,11 +124,11 @@ with_cmake() {
     cmake_project "$version" "$1" && cmake --build "$folder/project/build" &&
     program_says "$folder/project/build/program"
 }
-# cmake_refuses VERSION PREFIX INSTALLED-VERSION
+# cmake_refuses VERSION PREFIX INSTALLED-VERSION: CMake must refuse the required version and name the installed one
 cmake_refuses() {
     ! cmake_project "$1" "$2" > "$folder/said" 2>&1 && grep -q "sblConfig.cmake, version: $3" "$folder/said"
 }
-# pretends that version 2.1.0 is installed
+# the test changes the installed version to 2.1.0
 cmake_refuses_a_former_major() {
     sed -i "s/ $version)/ 2.1.0)/; s/EQUAL ${version%%.*})/EQUAL 2)/" \
         "$stage/opt/sbl/share/cmake/sbl/sblConfigVersion.cmake" &&
@@ -155,7 +156,7 @@ page_has_all() {
         [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
     done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
 }
-# the page contains all words of --help all, in order
+# the manual page must contain all words of --help all, in order
 words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
 page_says_what_help_says() {
     page_of "$1"
@@ -168,7 +169,7 @@ page_says_what_help_says() {
 page_for_groff() { page_of "$1" && groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
 page_is_clean() { page_of "$1" && mandoc -T lint -W warning "$page"; }
 for tool in $tools; do
-    [ $tool = sbl_merge ] || check "page_has_all ($tool)" page_has_all $tool  # sbl_merge has one group of options
+    [ $tool = sbl_merge ] || check "page_has_all ($tool)" page_has_all $tool  # sbl_merge has only one group of options
     check "page_says_what_help_says ($tool)" page_says_what_help_says $tool
     if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool
     else skip page_is_clean "mandoc is missing"; fi

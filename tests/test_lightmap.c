@@ -1,5 +1,5 @@
-/* Tests of lightmaps: which surface each texel shows, compared with the geometry; its light, compared with closed
-   forms; and invalid or unusual texture coordinates. */
+/* Tests lightmaps: which surface each texel shows, compared with the geometry; the light of texels, compared with
+   closed forms; and invalid or unusual texture coordinates. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -13,8 +13,8 @@
 
 enum { SIDE = 48 };
 
-/* Returns the area of the unit square at (x, y) that a triangle covers, by clipping the triangle at the square's four
-   sides (Sutherland and Hodgman 1974). */
+/* Returns the area of the unit square at (x, y) that a triangle covers, by clipping the triangle at the four sides of
+   the square (Sutherland and Hodgman 1974). */
 static double covered(double p[3][2], double x, double y) {
     double from[16][2], to[16][2], area = 0;
     int count = 3, cut, i;
@@ -39,7 +39,7 @@ static double covered(double p[3][2], double x, double y) {
     return 0.5 * fabs(area);
 }
 
-/* Returns the least distance from (x, y) to a triangle, estimated from many of its points. */
+/* Returns the smallest distance from (x, y) to a triangle, estimated from many of its points. */
 static double distance_to(double p[3][2], double x, double y) {
     double least = HUGE_VAL;
     int i, j;
@@ -53,9 +53,9 @@ static double distance_to(double p[3][2], double x, double y) {
     return least;
 }
 
-/* Twenty triangles, each alone on a floor whose world coordinates equal its map coordinates. A texel shows the triangle
-   exactly if the triangle covers a part of the texel's square, and it shows the point nearest to the texel's centre, at
-   most 0.02 texels inward of an edge. */
+/* Each of twenty triangles is alone on a floor whose world coordinates equal its map coordinates. A texel shows the
+   triangle exactly if the triangle covers part of its square. It shows the point nearest to its centre, moved inward
+   from an edge by at most 0.02 texels. */
 TEST(texels_show_what_touches_them) {
     uint64_t seed = 5;
     int run, i, k;
@@ -106,7 +106,7 @@ TEST(texels_show_what_touches_them) {
     }
 }
 
-/* Charts that are a point, a line, and a triangle inside of one texel are shown by the texels they touch. */
+/* Charts that are a point, a line, or a triangle inside one texel are shown by the texels that they touch. */
 TEST(charts_without_area_are_shown) {
     static const float where[3][6] = { { 0.31f, 0.52f, 0.31f, 0.52f, 0.31f, 0.52f },
         { 0.1f, 0.2f, 0.5f, 0.2f, 0.9f, 0.2f },
@@ -142,8 +142,8 @@ TEST(charts_without_area_are_shown) {
 
 /* >>light */
 
-/* A lamp over a floor whose chart is slanted: R of every texel is compared with the lamp's closed form. The other half
-   of the map holds the same floor, mirrored. */
+/* A lamp is over a floor whose chart is slanted. R of every texel is compared with the closed form of the lamp. The
+   other half of the map holds the same floor, mirrored. */
 TEST(a_floor_under_a_lamp) {
     static const float lamp[12] = { -0.5f, 1, -0.5f, 0.5f, 1, -0.5f, 0.5f, 1, 0.5f, -0.5f, 1, 0.5f };
     static const float askew[8] = { 0.05f, 0.1f, 0.02f, 0.9f, 0.43f, 0.95f, 0.48f, 0.05f };
@@ -195,7 +195,7 @@ TEST(a_floor_under_a_lamp) {
 }
 
 /* In a closed box that emits and reflects, R is emission / (1 - albedo) in all charts, which are one texel apart, and
-   in all texels that the gutter reaches. */
+   in all texels of the gutter. */
 TEST(a_furnace) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(128, 96, SBL_MODE_GI);
@@ -213,7 +213,7 @@ TEST(a_furnace) {
         s.meshes[i].positions.data = scene_copy(&s, turned, 12);  /* the walls face inwards */
     }
     desc.gutter = 5;
-    desc.target_error = 0.001f;  /* With the default target, the noise of single texels exceeds the limit. */
+    desc.target_error = 0.001f;  /* with the default target, the noise of single texels would exceed the limit */
     light = bake_stored(&s, &desc, 0);
     if (light) {
         float *final = channel_of(&desc, SBL_CHANNEL_FINAL), *id = channel_of(&desc, SBL_CHANNEL_ID);
@@ -244,8 +244,8 @@ TEST(a_furnace) {
     scene_free(&s);
 }
 
-/* A host that reads the lightmap while it is baked sees direct light before bounced light is stored, and gets the same
-   lightmap in the end, with supersampling and harmonics. */
+/* A host that reads the lightmap during the bake sees direct light before bounced light is stored, and finally gets the
+   same lightmap, with supersampling and harmonics. */
 TEST(reading_early_changes_nothing) {
     static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_SH_1, SBL_CHANNEL_SENSORS };
     static test_scene s;
@@ -288,8 +288,7 @@ TEST(reading_early_changes_nothing) {
     scene_free(&s);
 }
 
-/* A bright and a dark floor that are adjacent in the map, without a texel between them. Neither gets light of the
-   other. */
+/* A bright and a dark floor are adjacent in the map, without a texel between them. Neither gets light of the other. */
 TEST(charts_keep_their_light) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
@@ -321,8 +320,8 @@ TEST(charts_keep_their_light) {
 
 /* >>hidden texels */
 
-/* A plate that emits to both sides lies on a floor, 0.03 texels above it. Its light on the covered texels, which is 20,
-   must not show around it. Beside its edge the plate does light the floor: by 0.5 on average over half a texel. */
+/* A plate that emits on both sides lies on a floor, 0.03 texels above it. Its light on the covered texels, which is 20,
+   must not appear around it. The plate does light the floor beside its edge: by 0.5 on average over half a texel. */
 TEST(what_lies_on_a_floor_does_not_shine_out) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
@@ -331,11 +330,11 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
     memset(&s, 0, sizeof s);
     uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 1), 0.03f, 0.03f, 0.97f, 0.97f);
     k = scene_lamp(&s, 20, 20, 20);
-    /* the plate's edges are a twentieth of a texel inside of texels' centres */
+    /* the edges of the plate are a twentieth of a texel inwards from the centres of texels */
     scene_quad(&s, k, -0.3141f, 1e-3f, -0.2144f, -0.3141f, 1e-3f, 0.4139f, 0.2809f, 1e-3f, 0.4139f, 0.2809f, 1e-3f,
                -0.2144f);
     scene_sky(&s, 0.1f, 0.1f, 0.1f);
-    desc.options.rays = 1024;  /* fewer rays may miss the edge of the plate */
+    desc.options.rays = 1024;  /* fewer rays could miss the edge of the plate */
     light = bake(&s, &desc);
     final = channel_of(&desc, SBL_CHANNEL_FINAL);
     REQUIRE(light && final, "no lightmap");
@@ -356,8 +355,8 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
     scene_free(&s);
 }
 
-/* A black box on a floor under a constant sky. The texels beneath it are hidden and get the light of its rim, so that
-   no dark rim shows where samples mix texels. Near a wall R is at least half of the sky's. */
+/* A black box is on a floor under a constant sky. The texels below it are hidden and get the light of its rim, so that
+   no dark rim appears where samples mix texels. Near a wall, R is at least half of that of the sky. */
 TEST(boxes_leave_no_dark_rims) {
     static test_scene s;
     const sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_GI);
@@ -382,10 +381,10 @@ TEST(boxes_leave_no_dark_rims) {
 }
 
 /* Two white walls face each other across a gap of 2 mm under a sky of radiance 1. Rows of texels 15 mm wide run along
-   them; texels below the first row see no sky from their centres. R at depth x is (1 - x / sqrt(x^2 + g^2)) / 2, which
-   is also the share of directions in which light leaves. Over the first row, weighted by this share, the mean of R is
-   0.23 and the median 0.22; at the row's centre R is 0.0044. The search skips texels in which few rays leave, so that
-   the other texels are a little brighter. */
+   them; the centres of texels below the first row see no sky. R at depth x is (1 - x / sqrt(x^2 + g^2)) / 2, which is
+   also the share of directions in which light leaves. Over the first row, weighted by this share, the mean of R is 0.23
+   and the median 0.22; at the centre of the row, R is 0.0044. The search skips texels where few rays leave, so that the
+   other texels are slightly brighter. */
 TEST(gaps_show_their_openings) {
     enum { ROWS = 4, COLUMNS = 32 };
     static test_scene s;
@@ -400,7 +399,7 @@ TEST(gaps_show_their_openings) {
                  2.0f / (COLUMNS + 4), 2.0f / (ROWS + 4), (COLUMNS + 2.0f) / (COLUMNS + 4),
                  (ROWS + 2.0f) / (ROWS + 4));
     scene_quad(&s, material, -4, 0, gap, -4, deep, gap, 4, deep, gap, 4, 0, gap);
-    scene_quad(&s, material, -4, 0, 0, 4, 0, 0, 4, deep, 0, -4, deep, 0);  /* the same wall goes on to the sides */
+    scene_quad(&s, material, -4, 0, 0, 4, 0, 0, 4, deep, 0, -4, deep, 0);  /* the same wall continues to the sides */
     scene_quad(&s, material, -4, deep, 0, 4, deep, 0, 4, deep, gap, -4, deep, gap);
     scene_sky(&s, 1, 1, 1);
     light = bake(&s, &desc);
@@ -427,7 +426,7 @@ TEST(gaps_show_their_openings) {
 
 /* >>seams */
 
-/* a bilinear sample of the red component */
+/* Returns a bilinear sample of the red channel. */
 static double sample_of(const float *map, int width, int height, const double place[2]) {
     const double x = place[0] * width - 0.5, y = place[1] * height - 0.5, fx = x - floor(x), fy = y - floor(y);
     const float *p = map + 3 * ((int)floor(y) * width + (int)floor(x));
@@ -470,8 +469,8 @@ static double largest_jump(const float *map, int width, int height) {
     return worst;
 }
 
-/* On a ball of 32 charts, making seams equal reduces the largest jump to less than 1 %, and changes texels by less than
-   2 % rms. */
+/* On a ball of 32 charts, correcting the seams reduces the largest jump to less than 1 %, and changes texels by less
+   than 2 % RMS. */
 TEST(seams_of_a_ball) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(256, 128, SBL_MODE_DIRECT);
@@ -532,7 +531,7 @@ TEST(seams_of_a_ball) {
     scene_free(&s);
 }
 
-/* A floor is cut along a wall, with one side lit and the other dark. The seam must not carry light to the dark side. */
+/* A floor is cut along a wall, with one side lit and the other dark. The seam does not carry light to the dark side. */
 TEST(seams_do_not_leak) {
     static test_scene s;
     const sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
@@ -560,8 +559,8 @@ TEST(seams_do_not_leak) {
     scene_free(&s);
 }
 
-/* Two squares of one mesh that share an edge in the world but not in the map, so that they are two charts. flat: they
-   are coplanar, and their seam may be made equal. Otherwise they are at a right angle, and it may not. */
+/* Makes two squares of one mesh that share an edge in the world but not in the map, so that they are two charts. flat:
+   1: they are coplanar, and their seam may be corrected; 0: they are at a right angle, and it must not be */
 static void two_squares(test_scene *s, int flat) {
     const float far_side[2][3] = { { 1, flat ? 0 : 1.0f, -1 }, { 1, flat ? 0 : 1.0f, 1 } };
     const float a[3] = { -1, 0, -1 }, b[3] = { -1, 0, 1 }, c[3] = { flat ? 0 : 1.0f, 0, 1 },
@@ -579,7 +578,7 @@ static void two_squares(test_scene *s, int flat) {
     uv_set(s, scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), positions, NULL, NULL, 12, NULL, 0), uv);
 }
 
-/* Charts are separate if the map separates them; only coplanar neighbours get a seam. */
+/* Charts are separate if the map separates them, and only coplanar neighbours get a seam. */
 TEST(charts_are_parted_by_the_map) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
@@ -607,7 +606,7 @@ TEST(charts_are_parted_by_the_map) {
     }
 }
 
-/* Recomputes the gutter by its rule: each texel of a ring is the mean of its neighbours in the rings before it. */
+/* The test computes the gutter by its rule: each texel of a ring is the mean of its neighbours in the rings before. */
 TEST(gutters_are_means_of_the_rings_before) {
     enum { W = 48, H = 32, RINGS = 5 };
     static test_scene s;
@@ -656,8 +655,8 @@ TEST(gutters_are_means_of_the_rings_before) {
     scene_free(&s);
 }
 
-/* A bright and a dark chart, 32 texels apart. In mip levels 0 to 3, made as means of four texels, bilinear samples
-   anywhere on a chart, up to its edges, hold only the light of that chart. */
+/* A bright and a dark chart are 32 texels apart. In mip levels 0 to 3, made as means of four texels, bilinear samples
+   anywhere on a chart, up to its edges, contain only the light of that chart. */
 TEST(mip_levels_do_not_bleed) {
     enum { N = 128 };
     static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
@@ -703,7 +702,7 @@ TEST(mip_levels_do_not_bleed) {
     scene_free(&s);
 }
 
-/* The front side is the one that normals point to. Without normals, it is the side from which corners run
+/* Normals point to the front side. Without normals, the front is the side from which the corners are
    counter-clockwise. */
 TEST(light_falls_on_the_front) {
     int turned, normals;
@@ -751,7 +750,7 @@ static void strange(const float *first, const float *second, sbl_log_item item, 
     scene_free(&s);
 }
 
-/* Overlapping charts give a warning with texel and mesh, and SBL_CHANNEL_OVERLAP marks exactly the shared texels. */
+/* Overlapping charts cause a warning with texel and mesh, and SBL_CHANNEL_OVERLAP marks exactly the shared texels. */
 TEST(overlaps_are_named_and_shown) {
     static const float here[8] = { 0.1f, 0.1f, 0.6f, 0.1f, 0.6f, 0.6f, 0.1f, 0.6f },
         there[8] = { 0.5f, 0.5f, 0.9f, 0.5f, 0.9f, 0.9f, 0.5f, 0.9f };
@@ -771,7 +770,7 @@ TEST(overlaps_are_named_and_shown) {
     free(shared);
 }
 
-/* Charts that leave the map give a warning with mesh and coordinates. */
+/* Charts that leave the map cause a warning with mesh and coordinates. */
 TEST(charts_outside_are_named) {
     static const float here[8] = { 0.1f, 0.1f, 0.4f, 0.1f, 0.4f, 0.4f, 0.1f, 0.4f },
         there[8] = { 0.5f, 0.5f, 1.5f, 0.5f, 1.5f, 0.9f, 0.5f, 0.9f };
@@ -782,8 +781,8 @@ TEST(charts_outside_are_named) {
     strange(here, far_off, SBL_LOG_ITEM_OUTSIDE, "lightmap");
 }
 
-/* A NaN in map coordinates and coordinates of an integer type are mistakes of the scene. A map without any mesh is
-   empty, with a warning. */
+/* NaN in map coordinates and coordinates of an integer type are mistakes of the scene. A map without any mesh is empty,
+   with a warning. */
 TEST(bad_coordinates_are_mistakes) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
@@ -814,7 +813,7 @@ TEST(bad_coordinates_are_mistakes) {
     scene_free(&s);
 }
 
-/* Triangles without area in the map are counted by a warning; if there are no others, the bake fails. */
+/* A warning counts triangles without area in the map; if there are no others, the bake fails. */
 TEST(triangles_without_area_are_counted) {
     static const float point[8] = { 0.3f, 0.3f, 0.3f, 0.3f, 0.3f, 0.3f, 0.3f, 0.3f };
     static const float line[8] = { 0.7f, 0.1f, 0.73f, 0.17f, 0.79f, 0.31f, 0.82f, 0.38f };
@@ -916,12 +915,12 @@ TEST(meshes_are_chosen) {
     scene_free(&s);
 }
 
-/* >>shared behaviour of front ends */
+/* >>behaviour shared by all front ends */
 
 static int cancel(float done, void *user) { (void)user; return done > 0.3f; }
 
 /* A lightmap in many short steps equals one in a single call, to the bit. Its channels can be read before it is
-   finished; it can be cancelled, and setting another scene ends it. */
+   finished. It can be cancelled, and setting another scene ends it. */
 TEST(it_comes_in_pieces) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(100, 60, SBL_MODE_GI);
@@ -989,9 +988,9 @@ TEST(it_comes_in_pieces) {
     scene_free(&s);
 }
 
-/* ---- faults ---- */
+/* >>lack of memory and unusual sizes */
 
-/* A floor of two charts with a lamp. Baking it uses all parts of a lightmap, including seams. */
+/* Makes a floor of two charts with a lamp. Baking it uses all parts of a lightmap, including seams. */
 static void small_room(test_scene *s) {
     int material;
     memset(s, 0, sizeof *s);
@@ -1010,8 +1009,8 @@ static sbl_result lightmap_call(const void *desc) {
     return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, small_map, sizeof small_map / sizeof *small_map);
 }
 
-/* Fails each allocation once, in turn. The bake must fail with a message and leak nothing, and the next one must
-   work. */
+/* Makes each allocation fail once, in turn. The bake fails with a message and leaks nothing, and the next bake
+   succeeds. */
 TEST(memory_runs_out) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(24, 12, SBL_MODE_DIRECT);
@@ -1029,7 +1028,7 @@ TEST(memory_runs_out) {
     scene_free(&s);
 }
 
-/* Maps of one texel, of one row, and larger than the GL limit. */
+/* Maps of one texel, of one row, and larger than the GL limit are baked or refused. */
 TEST(sizes_of_all_kinds) {
     static const int sizes[][2] = { { 1, 1 }, { 1, 7 }, { 300, 1 }, { 3, 3 }, { 2, 2 } };
     static test_scene s;
@@ -1056,8 +1055,8 @@ TEST(sizes_of_all_kinds) {
     scene_free(&s);
 }
 
-/* Two rooms side by side that share the chart of the floor; the lamp is in one of them. The walls have no thickness.
-   outward: their triangles face outwards. */
+/* Makes two rooms side by side that share the chart of the floor; the lamp is in one of them. The walls have no
+   thickness. outward: 1 if their triangles face outwards */
 static void two_rooms(test_scene *s, int outward) {
     static const float walls[7][12] = {
         { -2, 0, -1, -2, 0, 1, -2, 1, 1, -2, 1, -1 }, { 2, 0, -1, 2, 1, -1, 2, 1, 1, 2, 0, 1 },
@@ -1089,7 +1088,7 @@ static void two_rooms(test_scene *s, int outward) {
 TEST(thin_walls_hold_light_back) {
     static test_scene s;
     int run;
-    for (run = 0; run < 4; run++) {  /* both modes, both orientations */
+    for (run = 0; run < 4; run++) {  /* both modes with both orientations */
         sbl_lightmap_desc desc = map_of(64, 32, run & 1 ? SBL_MODE_GI : SBL_MODE_DIRECT);
         float *light, *final;
         double dark = 0, bright = 0, least = HUGE_VAL;

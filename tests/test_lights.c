@@ -1,7 +1,7 @@
-/* Direct light of every kind of light: compared with closed forms, and its energy balance, i.e. what leaves the lamps
-   arrives at the walls around them. truth() computes the expected R in double precision from the scene's description:
-   triangles by Lambert's formula, spheres and suns as fans of triangles, points by the inverse square law. An opaque
-   edge cuts each lamp by the plane through the edge and the sensor. */
+/* Tests direct light of every kind. It is compared with closed forms, and its energy is balanced: the light that leaves
+   the lamps arrives at the walls around them. truth() computes the expected R in double precision from the description
+   of the scene: triangles by Lambert's formula, spheres and suns as fans of triangles, points by the inverse square
+   law. An opaque edge cuts each lamp by the plane through the edge and the sensor. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -9,7 +9,7 @@
 
 static sbl_context *context;
 
-enum { BODY = 1000 };  /* the id of closed convex lamps, of which only triangles that face the sensor count */
+enum { BODY = 1000 };  /* id of closed convex lamps, of which only triangles that face the sensor count */
 
 /* >>expected values */
 
@@ -21,7 +21,7 @@ static v3 edge_plane(const edge *e, v3 p) {
     return v3_dot(m, e->open) < 0 ? v3_scale(m, -1) : m;
 }
 
-/* R at p, with normal n, of a triangle of radiance 1. e: the edge that cuts the light, or NULL. */
+/* Returns R at p, with the normal n, from a triangle of radiance 1. e: the edge that cuts the light, or NULL */
 static double triangle_share(v3 p, v3 n, const v3 corners[3], const edge *e) {
     v3 left[4];
     if (!e) return ref_polygon(p, n, corners, 3);
@@ -47,7 +47,7 @@ static double cone_share(v3 p, v3 n, v3 axis, double half, const edge *e) {
     return sum;
 }
 
-/* The share of a spot's intensity in direction d, as KHR_lights_punctual defines it. */
+/* Returns the share of the intensity of a spot in the direction d, as KHR_lights_punctual defines it. */
 static double spot_share(const sbl_light *l, v3 d) {
     double outer = cos((l->cone > 0 ? (double)l->cone : 90) * REF_PI / 360),
         inner = cos((double)l->inner_cone * REF_PI / 360);
@@ -55,7 +55,7 @@ static double spot_share(const sbl_light *l, v3 d) {
     return share < 0 ? 0 : share > 1 ? 1 : share * share;
 }
 
-/* R from one light of intensity 1. */
+/* Returns R from one light of intensity 1. */
 static double light_share(const sbl_light *l, v3 p, v3 n, const edge *e) {
     int sun = l->kind == SBL_LIGHT_DIRECTIONAL;
     v3 d = sun ? v3_scale(v3_unit(v3_from(l->direction)), -1) : v3_sub(v3_from(l->position), p);
@@ -73,8 +73,8 @@ static void even(const float direction[3], float radiance[3], void *user) {
     radiance[0] = radiance[1] = radiance[2] = 1;
 }
 
-/* R at p from the scene's emitting triangles, lights and constant sky, with no occluder but the edge. Lamps must not
-   cover one another. */
+/* Computes R at p from the emitting triangles, lights and constant sky of the scene, with no occluder except the edge.
+   Lamps must not cover one another. */
 static void truth(const ref_scene *scene, v3 p, v3 n, const edge *e, double rgb[3]) {
     double covered = 0, share;
     int i, k;
@@ -120,7 +120,7 @@ TEST(formulas_against_quadrature) {
                 v3 d = v3_add(v3_scale(axis, cos(t)),
                               v3_scale(v3_add(v3_scale(u, cos(phi)), v3_scale(v, sin(phi))), sin(t)));
                 int outside = 0, side;
-                /* a direction is inside if it is on the same side of all three planes as the triangle's centre */
+                /* a direction is inside if it is on the same side of all three planes as the centre of the triangle */
                 for (side = 0; side < 3 && k == 4; side++) {
                     v3 plane = v3_cross(corners[side], corners[(side + 1) % 3]);
                     outside |= (v3_dot(plane, d) > 0) != (v3_dot(plane, middle) > 0);
@@ -141,8 +141,8 @@ TEST(formulas_against_quadrature) {
     }
 }
 
-/* >>one lamp of each kind, at a given place and of about the given size, that shines towards the origin. The floor is
-   mesh 0. */
+/* >>one lamp of each kind, at a given position and of about the given size, which shines towards the origin. The floor
+   is mesh 0 */
 
 enum { QUAD, TRIANGLE, DISC, BALL, SPHERE, SUN, POINT, SPOT, DISTANT, KINDS, FINE_DISC = KINDS };
 static const char *const kind_names[KINDS + 1] = { "quad", "triangle", "disc of 200 triangles", "ball of 256 triangles",
@@ -185,8 +185,8 @@ static void add_lamp(test_scene *s, int kind, v3 c, double size) {
     }
 }
 
-/* The camera looks down at a square of the floor around (x, 0, z). plain: a sensor at every pixel, unfiltered;
-   otherwise default settings. */
+/* Returns a view down at a square of the floor around (x, 0, z). plain: 1: a sensor at every pixel and no filter; 0:
+   default settings */
 static sbl_picture_desc patch(int width, int height, double size, double x, double z, int plain) {
     sbl_picture_desc view =
         scene_view(width, height, (float)(360 / REF_PI * atan(size / 6)), (float)x, 3, (float)z, (float)x, 0, (float)z);
@@ -197,7 +197,7 @@ static sbl_picture_desc patch(int width, int height, double size, double x, doub
 }
 
 /* Errors of R. bias, rms: relative to the light without an edge. worst: relative to the expected value of the pixel, or
-   to a twentieth of the brightest pixel if that is larger. */
+   to a twentieth of the brightest pixel if that is larger */
 typedef struct errors { double bias, rms, worst, dimmest; int pixels; } errors;
 
 /* Renders, and compares all components of R with truth() at all pixels that show mesh 0. */
@@ -267,14 +267,14 @@ static void fully_visible(sbl_backend backend, int plain, double tolerance, doub
         }
 }
 
-/* Without occluders, R of every kind of lamp at every place is within 0.1 % of the closed form. */
+/* Without occluders, R of every kind of lamp at every position is within 0.1 % of the closed form. */
 TEST(fully_visible) { fully_visible(SBL_BACKEND_AUTO, 1, 0.001, 0.002); }
-/* The same with default settings, and within 0.3 % with rasterised sensors. */
+/* The same holds with default settings, and within 0.3 % with rasterised sensors. */
 TEST(fully_visible_default_settings) { fully_visible(SBL_BACKEND_AUTO, 0, 0.001, 0.002); }
 TEST(fully_visible_raster) { fully_visible(SBL_BACKEND_RASTER, 1, 0.003, 0.003); }
 
-/* The falloff of spots from the axis to the edge of the cone, for cones from narrow to a half space, and darkness
-   outside. */
+/* The intensity of spots falls off from the axis to the edge of the cone as expected, for cones from narrow to a half
+   space, and is 0 outside. */
 TEST(spot_cones) {
     static const float cones[][2] = { { 90, 0 }, { 0, 45 }, { 30, 30 }, { 60, 59.9f }, { 170, 100 }, { 180, 180 },
         { 180, 0 } };
@@ -327,8 +327,8 @@ TEST(spot_cones) {
         }
 }
 
-/* Of 600 spotlights, more than a look has entries, every other one is a thousand times as strong and looks away. Rays
-   must be sent to those that light the floor. */
+/* Of 600 spotlights, more than a look has entries, every other one is a thousand times as strong and faces away. Rays
+   must go to those that light the floor. */
 TEST(spots_that_look_away) {
     enum { SPOTS = 600 };
     static test_scene s;
@@ -367,8 +367,8 @@ TEST(spots_that_look_away) {
     scene_free(&s);
 }
 
-/* Disc and sphere compared with another formula: a lamp centred above a horizontal point gives R = sin^2 of half the
-   angle that it subtends. */
+/* Disc and sphere agree with another formula: a lamp centred above a horizontal point gives R = sin^2 of half the angle
+   that it subtends. */
 TEST(disc_and_sphere_overhead) {
     int kind;
     for (kind = 0; kind < 3; kind++) {
@@ -403,11 +403,11 @@ TEST(disc_and_sphere_overhead) {
     }
 }
 
-/* >>half covered */
+/* >>half covered lamps */
 
 /* Moves an opaque half plane at height 0.5, whose edge is not parallel to an axis, in small steps across the lamp at
-   height 1. Compares R with truth at all steps and pixels, relative to the unoccluded light. jump_allowed: the largest
-   change of the error of a pixel from one step to the next. Returns the predicted rms error divided by the true one. */
+   height 1. Compares R with truth() at all steps and pixels, relative to the unoccluded light. Returns the predicted
+   RMS error divided by the true one. jump_allowed: largest change of the error of a pixel from one step to the next */
 static double sweep(const char *name, test_scene *s, double reach, sbl_picture_desc view, int steps, double rms_allowed,
                     double jump_allowed) {
     enum { PIXELS = 64 };
@@ -487,21 +487,21 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
         add_lamp(&s, kind, v3_of(0, 1, 0), kind == SUN ? sin(5 * REF_PI / 180) : 0.4);
         snprintf(name, sizeof name, "%s%s", kind_names[kind], backend ==
                  SBL_BACKEND_RASTER ? ", raster" : plain ? "" : ", default settings");
-        /* half of a ball's triangles are hidden by the others but get half of the rays */
+        /* the other triangles of a ball hide half of its triangles, which get half of the rays */
         sweep(name, &s, reach, view, steps, rms_allowed, (kind == BALL && plain ? 2 : 1) * jump_allowed);
         scene_free(&s);
     }
 }
 
-/* One look per sensor, unfiltered, stays within 1.2 % rms and jumps of 4 %. */
+/* With one look per sensor and no filter, errors stay within 1.2 % RMS and jumps of 4 %. */
 TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
-/* With default settings, half covered lamps are within 0.16 % rms and jumps of 1.45 %. */
+/* With default settings, half covered lamps are within 0.16 % RMS and jumps of 1.45 %. */
 TEST(half_covered_default_settings) {
     half_covered(SBL_BACKEND_AUTO, 0, test_kind_is("plain") ? 20 : 10, 0.0016, 0.0145);
 }
 
-/* At an edge across a lamp, rays err less if the lamp has more strata; a thousand triangles share their strata. The
-   predicted error must be 0.8 to 1.25 times the true one. */
+/* At an edge across a lamp, rays have smaller errors if the lamp has more strata; a thousand triangles share their
+   strata. The predicted error is 0.8 to 1.25 times the true error. */
 TEST(half_covered_noise_is_known) {
     static const int kinds[] = { QUAD, DISC, FINE_DISC, BALL, SPHERE, SUN };
     int i;
@@ -520,13 +520,13 @@ TEST(half_covered_noise_is_known) {
     }
 }
 
-/* Rasterised sensors stay within 1.2 % rms and jumps of 4 %, too. */
+/* With rasterised sensors, errors also stay within 1.2 % RMS and jumps of 4 %. */
 TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
 
 /* >>textures */
 
-/* A lamp whose texture is half black gives the light of half a lamp. Interpolation blurs the border over one texel of
-   64, symmetrically. */
+/* A lamp whose texture is half black gives half of the light. Interpolation blurs the border over one texel of 64,
+   symmetrically. */
 TEST(textured_lamp) {
     static float pixels[64 * 4];
     int way, i, half;
@@ -580,9 +580,9 @@ TEST(textured_lamp) {
         }
 }
 
-/* >>environment */
+/* >>sky callbacks and pictures */
 
-/* Adds a plate that faces n and returns a camera in front of it. */
+/* Adds a plate that faces n, and returns a view of it. */
 static sbl_picture_desc plate(test_scene *s, v3 n, int width, int height) {
     v3 u = v3_unit(v3_cross(n, v3_of(0.3, 0.2, 0.5))), v = v3_cross(n, u), a = v3_scale(v3_add(u, v), 20),
         b = v3_scale(v3_sub(u, v), 20);
@@ -597,7 +597,7 @@ static sbl_picture_desc plate(test_scene *s, v3 n, int width, int height) {
     return view;
 }
 
-/* Checks the mean and the rms of the errors of all components of R against one expected colour. */
+/* Checks the mean and the RMS of the errors of all components of R against one expected colour. */
 static void check_even(const char *what, const test_scene *s, const sbl_picture_desc *view, double r, double g,
                        double b, double bias, double rms) {
     double expected[3], sum = 0, squares = 0;
@@ -619,8 +619,8 @@ static void check_even(const char *what, const test_scene *s, const sbl_picture_
 
 typedef struct sky_calls { int count, odd; v3 lean; double base; } sky_calls;
 
-/* Sky callback: base + direction . lean, and twice that in red. Counts calls whose direction is not the centre of a
-   texel of a 512 x 256 picture about +y, unrotated. */
+/* A sky callback: base + direction . lean, and twice that in red. It counts calls whose direction is not the centre of
+   a texel of a 512 x 256 picture about +y, unrotated. */
 static void gradient(const float direction[3], float radiance[3], void *user) {
     sky_calls *c = (sky_calls *)user;
     v3 d = v3_from(direction);
@@ -655,7 +655,7 @@ TEST(sky_by_function) {
             check_even("a gradient", &s, &view, 2 * r, r, r, 0.002, 0.01);
             s.environment.scale = 3;
             s.environment.up[0] = -0.4f; s.environment.up[1] = 0.2f; s.environment.up[2] = 0.7f;
-            s.environment.rotation = 77;  /* changes where the texels are, but not the light */
+            s.environment.rotation = 77;  /* changes the directions of the texels, but not the light */
             s.environment.picture.width = 300;
             s.environment.picture.height = 200;
             calls.count = 0;
@@ -666,8 +666,8 @@ TEST(sky_by_function) {
         }
 }
 
-/* A sky picture of 1 + d . g, turned by `rotation` about `up`. +y is taken to `up` by the shortest rotation. The result
-   must be that of g rotated the same way. */
+/* A sky picture of 1 + d . g is rotated by `rotation` about `up`, after the shortest rotation that takes +y to `up`.
+   The result equals that of g rotated in the same way. */
 TEST(sky_picture_rotated) {
     enum { WIDTH = 256, HEIGHT = 128 };
     static const struct { float rotation, up[3]; } poses[] = {
@@ -712,8 +712,8 @@ TEST(sky_picture_rotated) {
             }
 }
 
-/* A bright sun of a few texels in a sky of 1, with and without a wall that shadows it. The picture is rotated so that
-   every sun is at the same place, 28 degrees beside +x. R must be right in light and shadow. */
+/* A bright sun of a few texels in a sky of 1, with and without a wall that casts its shadow. The picture is rotated so
+   that every sun is at the same place, 28 degrees beside +x. Checks R in light and shadow. */
 static void sun_in_a_picture(int number, int wall, int plain) {
     enum { WIDTH = 512, HEIGHT = 256 };
     static const int sizes[] = { 1, 2, 5, 20 };
@@ -742,13 +742,13 @@ static void sun_in_a_picture(int number, int wall, int plain) {
         float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (y = 0; y < view.height; y++)
             for (x = 0; x < view.width; x++) {
-                /* The wall hides the sun below the elevation atan(1 / away), and a share of the sky that has a closed
-                   form; see test_closed_forms. */
+                /* The wall hides the sun below the elevation atan(1 / away), and a share of the sky with a closed form;
+                   see test_closed_forms. */
                 double away = 2 - ref_pixel(scene, &view, x, y).position.x,
                     expected = wall ? 0.5 * (1 + away / sqrt(away * away + 1)) : 1, off;
                 int lit, open = 0, cells = (size + 2) * cut;
-                /* tests all parts of the sun's texels and of a border of one texel, into which interpolation may spread
-                   the sun; pixels that see only some of the parts are not judged */
+                /* tests all parts of the texels of the sun and a border of one texel, into which interpolation may
+                   spread the sun; pixels that see only some of these parts are ignored */
                 for (i = 0; i < cells; i++)
                     for (j = 0; j < cells; j++) {
                         double phi = 2 * REF_PI * ((u0 - 1 + (i + 0.5) / cut) / WIDTH - 0.5 - number / 8.0);
@@ -784,7 +784,7 @@ static void sun_in_a_picture(int number, int wall, int plain) {
     scene_free(&s);
 }
 
-/* Suns of 1 to 20 texels, open and behind a wall, with and without default settings. */
+/* Suns of 1 to 20 texels are right, open and behind a wall, with and without default settings. */
 TEST(sun_in_a_picture) {
     int number, way;
     for (number = 0; number < 4; number++)
@@ -952,7 +952,7 @@ TEST(no_light_under_thin_walls) {
 }
 
 /* The shadow of a box or a single sheet on the floor, lit from behind, begins where it touches the floor. In every
-   column the test takes the pixel below the lowest one that shows the box. */
+   column, the test takes the pixel below the lowest one that shows the box. */
 TEST(contact_shadows_touch) {
     int i, kind, plain, sheet, x, y;
     for (i = 0; i < 4; i++)
@@ -983,7 +983,7 @@ TEST(contact_shadows_touch) {
                             int at = y * view.width + x;
                             lit += id[at] == 1 && radiance[3 * at] > 0.1f;
                             if (id[at] != 1 || id[at - view.width] < 2) continue;
-                            /* at the corners of the box, a part of the pixel may see past them */
+                            /* at the corners of the box, part of the pixel may see past them */
                             if (x == 0 || x == view.width - 1 || id[at - view.width - 1] < 2 ||
                                 id[at - view.width + 1] < 2) continue;
                             feet++;
@@ -1035,8 +1035,9 @@ TEST(no_acne) {
                             ref_point p = ref_pixel(scene, &view, x, y);
                             double expected = v3_dot(v3_from(normal + 3 * (y * view.width + x)), d), ratio;
                             if (!p.hit || ref_is_edge(scene, &view, x, y)) continue;
-                            /* the sun must be above the horizon of both triangle and normal: the shading normals of a
-                               coarse ball reach beyond the shadow of its triangles */
+                            /* Skips pixels where the sun is at or below the horizon of the geometric or the shading
+                               normal: near the terminator of a coarse ball, shading normals still face the sun where
+                               the triangles do not. */
                             if (kind > 0 && (v3_dot(p.face, d) < 0.02 || expected < 0.02)) continue;
                             ratio = (double)radiance[3 * (y * view.width + x)] / expected;
                             seen++;
@@ -1057,10 +1058,10 @@ TEST(no_acne) {
             }
 }
 
-/* >>energy */
+/* >>conservation of energy */
 
-/* Returns the sum of E * area over the six sides of a box about the origin, seen from inside or outside. Each side is
-   rendered whole by a camera in front of its centre, so that the pixels form an even grid on it. */
+/* Returns the sum of E * area over the six sides of a box around the origin, seen from inside or outside. A camera in
+   front of the centre of each side renders all of it, so that the pixels form an even grid on it. */
 static double arriving(const test_scene *s, v3 half, int from_outside, int across) {
     double sum = 0;
     sbl_scene_desc desc = scene_desc(s);
@@ -1094,7 +1095,7 @@ static double arriving(const test_scene *s, v3 half, int from_outside, int acros
     return sum;
 }
 
-/* Returns the flux of red light that leaves the scene's lamps, from their areas and intensities. */
+/* Returns the flux of red light that leaves the lamps of the scene, from their areas and intensities. */
 static double leaving(const test_scene *s) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *scene = ref_create(&desc);
@@ -1123,7 +1124,7 @@ static double leaving(const test_scene *s) {
     return sum;
 }
 
-/* Returns the flux that the black lamps absorb of each other's light. No lamp may stand between two others. */
+/* Returns the flux that the black lamps absorb from each other. No lamp may be between two others. */
 static double swallowed(const test_scene *s) {
     enum { CUT = 12 };
     sbl_scene_desc desc = scene_desc(s);
@@ -1140,7 +1141,7 @@ static double swallowed(const test_scene *s) {
                 for (j = 0; j < CUT; j++) {
                     double a = (i + 0.5) / CUT, b = (j + 0.5) / CUT;
                     if (a + b > 1) { a = 1 - a; b = 1 - b; }
-                    /* slightly before the triangle, so that it does not light itself */
+                    /* slightly in front of the triangle, so that it does not light itself */
                     truth(scene, v3_mad(v3_add(tri->p[0], v3_add(v3_scale(u, a), v3_scale(v, b))), n, 1e-7), n, NULL,
                           rgb);
                     sum += REF_PI * rgb[0] * v3_length(twice) / 2 / (CUT * CUT);
@@ -1193,7 +1194,7 @@ TEST(energy_in_a_box) {
 }
 
 /* Distant light: a box of edges a, b, c shows the area bc |x| + ca |y| + ab |z| in the direction (x, y, z). The
-   radiance times this area, integrated over all directions, must arrive at the six sides. */
+   radiance times this area, integrated over all directions, arrives at the six sides. */
 TEST(energy_from_afar) {
     enum { WIDTH = 128, HEIGHT = 64, CUT = 4 };
     static const char *const names[] = { "sun without diameter", "sun", "environment", "a mixture of all" };
@@ -1242,7 +1243,7 @@ TEST(energy_from_afar) {
     }
 }
 
-/* In SBL_MODE_PAPER only emitting surfaces give light; sbl_lights and the environment give none. */
+/* In SBL_MODE_PAPER, only emitting surfaces give light; sbl_lights and the environment give none. */
 TEST(none_of_it_in_paper_mode) {
     test_scene s = { 0 };
     sbl_picture_desc view = patch(4, 3, 0.5, 0, 0, 1);
@@ -1257,9 +1258,10 @@ TEST(none_of_it_in_paper_mode) {
     scene_free(&s);
 }
 
-/* Many rays towards a lamp are traced in several passes, and mostly end when the rays of the first pass agree. A sensor
-   sees one hundredth of a lamp through a hole, or all but one hundredth. The mean of many such sensors is the closed
-   form, and their noise is what they predict, although most first passes find the lamp all blocked or all open. */
+/* Many rays to a lamp are traced in several passes, which mostly end when the rays of the first pass agree. A sensor
+   sees a hundredth of a lamp through a hole, or all but a hundredth. The mean over many such sensors is the closed
+   form, and their noise agrees with the prediction, although most first passes find the lamp completely blocked or
+   completely open. */
 TEST(few_rays_that_differ_are_not_lost) {
     enum { SENSORS = 8192 };
     sbl_site *sites = (sbl_site *)calloc(SENSORS, sizeof *sites);

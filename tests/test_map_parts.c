@@ -1,5 +1,5 @@
-/* Tests of lightmaps in parts: sbl_bake --lightmap with --part, --plan and --join, and large maps that are baked window
-   by window and survive kills. */
+/* Tests of lightmaps in parts: sbl_bake --lightmap with --part, --plan and --join. Further tests bake large maps window
+   by window, and continue runs that were killed. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -22,7 +22,7 @@ static int has_openexr(void) {
     return !(BAKE(MAP, "--part", "1/1", "-o", "probe.exr") == 1 && said("OpenEXR"));
 }
 
-/* Makes parts 1 to `count` in a folder. more: an option and its value, or NULL. Returns whether all were made. */
+/* Makes parts 1 to `count` in a folder. more: an option and its value, or NULL. Returns 1 if all parts were made. */
 static int make_parts(const char *to, int count, const char *more, const char *value) {
     const char *const arguments[] = { MAP, more, value, NULL };
     char pattern[64];
@@ -32,7 +32,7 @@ static int make_parts(const char *to, int count, const char *more, const char *v
     return run_parts(arguments, pattern, count);
 }
 
-/* Joined parts are the map that is baked at once: its light, gutters, harmonics, scene and picture of overlaps. */
+/* Joined parts equal the map that is baked at once: its light, gutters, harmonics, scene and picture of overlaps. */
 TEST(parts_make_the_map) {
     static const char *const files[] = { "lightmap.pfm", "atlas.pfm", "sh_0.pfm", "sh_3.pfm" };
     char names[2][64];
@@ -56,7 +56,7 @@ TEST(parts_make_the_map) {
               fabs(mean_difference("plain/lightmap.pfm", "plain/atlas.pfm")) < 1e-6, "%s", ran.err);
 }
 
-/* Joined parts have the light groups of the map that is baked at once, which add up to the whole. */
+/* Joined parts have the same light groups as the map that is baked at once. The groups add up to its light. */
 TEST(parts_have_light_groups) {
     static const char *const files[] = { "atlas.pfm", "atlas_above.pfm", "atlas_lamp.pfm" };
     const char *const arguments[] = { MAP, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,lamp=*", NULL };
@@ -87,7 +87,7 @@ TEST(parts_have_light_groups) {
     for (i = 0; i < 3; i++) free(p[i].values);
 }
 
-/* The same part has the same bits with the plan of another run and with a plan of its own. */
+/* A part has the same bits with the plan of another run and with a plan that its own run makes. */
 TEST(parts_do_not_depend_on_each_other) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(BAKE(MAP, "--part", "2/3", "-o", "a.exr", "--plan", "plan") == 0 && exists("plan"), "%s", ran.err);
@@ -100,7 +100,7 @@ TEST(parts_do_not_depend_on_each_other) {
     CHECK(BAKE(MAP, "--part", "1/2", "-o", "b.exr", "--plan", "plan") == 1 && said("3 parts"), "%s", ran.err);
 }
 
-/* Parts that do not fit are refused by name, and nothing is written. */
+/* Parts that do not belong together are refused with an error that names the part, and nothing is written. */
 TEST(wrong_parts_are_refused) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     REQUIRE(make_parts("p", 3, NULL, NULL), "%s", ran.err);
@@ -127,7 +127,7 @@ TEST(wrong_parts_are_refused) {
     CHECK(!exists("out"), "a folder is left");
 }
 
-/* Moves the lamp beside the floor, so that their charts meet at a seam. */
+/* Moves the lamp next to the floor in the map, so that their charts share a seam. */
 static void move_lamp(void) {
     static const float beside[4][3] = { { 2.25f, -0.5f, -2 }, { 2.25f, -0.5f, 2 }, { 6.25f, -0.5f, 2 },
                                         { 6.25f, -0.5f, -2 } };
@@ -138,7 +138,8 @@ static void move_lamp(void) {
     fclose(out);
 }
 
-/* Statistics of a joined map describe the whole map. Options that have no effect are named, and change nothing. */
+/* The statistics of a joined map describe the complete map. Options that have no effect on joining are named in a
+   message, and change nothing. */
 TEST(joining_is_described) {
     enum { SEAMS = 3 };
     static const struct { const char *name, *words; } facts[] = {
@@ -172,7 +173,7 @@ TEST(joining_is_described) {
           ran.err);
 }
 
-/* A plan that is damaged is refused by its name, and an output never replaces a plan. */
+/* A damaged plan is refused with an error that names it. An output never replaces a plan. */
 TEST(plans_are_checked) {
     static const char *const means[] = { "nan 0 0", "-1 0 0", "0 0", "1e999 0 0", "1 1 1 x" };
     char text[4096], *mean, other[4096];
@@ -196,7 +197,7 @@ TEST(plans_are_checked) {
     }
 }
 
-/* A map that cannot be joined in the memory is refused before it is baked. */
+/* A map is refused before it is baked if the allowed memory is too small to join it. */
 TEST(memory_for_joining) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(BAKE("room.gltf", "--lightmap", "4096", "--memory", "512M", "-o", "m") == 1 &&
@@ -220,8 +221,8 @@ TEST(wrong_usage) {
     CHECK(BAKE("room.gltf", "--lightmap", "2", "--part", "5/5", "-o", "a.exr") == 2 && said("too many"), "%s", ran.err);
 }
 
-/* A map that exceeds the memory is baked window by window. A run that was killed goes on where it was, and the result
-   is the same, to the bit. A part can be made window by window, too. */
+/* A map that exceeds the allowed memory is baked window by window. A run that was killed continues with the first
+   missing window, and the result has the same bits. A part can also be made window by window. */
 TEST(killed_runs_go_on) {
     const char *const arguments[] = { LARGE, "-o", "often/", "--resume", NULL };
     int killed, windows;

@@ -1,5 +1,5 @@
-/* Windows of lightmaps: they show what the whole map shows, and joined they are the whole map, with gutters and
-   seams. */
+/* Tests of windows of lightmaps: a window shows the same as the complete map, and joined windows equal the complete
+   map, with its gutters and seams. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -10,15 +10,15 @@
 
 enum { WIDTH = 96, HEIGHT = 80, TEXELS = WIDTH * HEIGHT, LAYERS = 5, WINDOWS = 5 };
 
-/* x, y, width, height: together the whole map. With three places across a texel, the second is so large that its
-   surfaces are read in two pieces. */
+/* x, y, width and height. Together these windows cover the map. With 3 x 3 subsamples per texel, the second window is
+   so large that its surfaces are read back in two pieces. */
 static const int windows[WINDOWS][4] = { { 0, 0, 96, 7 }, { 0, 7, 95, 61 }, { 95, 7, 1, 61 }, { 0, 68, 40, 12 },
                                          { 40, 68, 56, 12 } };
 static const sbl_channel channels[LAYERS] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_SH_0, SBL_CHANNEL_SH_1,
                                               SBL_CHANNEL_SH_2, SBL_CHANNEL_SH_3 };
 static float light[LAYERS][3 * TEXELS], whole[LAYERS][3 * TEXELS], ids[TEXELS], part[3 * TEXELS];
 
-/* A ball of 32 charts under a lamp, with a disc around it that hides a part of each patch from the lamp. */
+/* Makes a ball of 32 charts under a lamp, with a disc around it that hides a part of each chart from the lamp. */
 static void ball_scene(test_scene *s) {
     memset(s, 0, sizeof *s);
     ball_of_patches(s, scene_material(s, 0.5f, 0.5f, 0.5f));
@@ -40,7 +40,7 @@ static int set_scene(const test_scene *s) {
     return use_scene(s) && sbl_set_scene(context, &scene) == SBL_SUCCESS;
 }
 
-/* Copies a channel of the baked window to its place in an array of the whole map. */
+/* Copies a channel of the baked window to its place in an array of the complete map. */
 static void put_window(sbl_channel channel, const int w[4], float *out) {
     const int n = sbl_channel_components(channel);
     int y;
@@ -49,7 +49,7 @@ static void put_window(sbl_channel channel, const int w[4], float *out) {
         memcpy(out + n * ((w[1] + y) * WIDTH + w[0]), part + n * y * w[2], (size_t)(n * w[2]) * sizeof *out);
 }
 
-/* Bakes the map window by window into light and ids. Returns 0 if that fails. */
+/* Bakes the map window by window into light and ids. Returns 0 on failure. */
 static int bake_windows(sbl_lightmap_desc desc, const int (*list)[4], int count) {
     int i, k;
     for (i = 0; i < count; i++) {
@@ -72,7 +72,7 @@ static sbl_windows_desc joining_of(const sbl_lightmap_desc *desc) {
     return joining;
 }
 
-/* Bakes the map at once into `whole`: what the host sees. Returns 0 if that fails. */
+/* Bakes the map at once and stores the light that a host reads in `whole`. Returns 0 on failure. */
 static int bake_whole(const sbl_lightmap_desc *desc) {
     int k, ok = sbl_bake_lightmap(context, desc) == SBL_SUCCESS;
     for (k = 0; k < LAYERS && ok; k++)
@@ -81,8 +81,8 @@ static int bake_whole(const sbl_lightmap_desc *desc) {
     return ok;
 }
 
-/* A window of the whole map, joined, is the map that is baked at once, to the bit: in R, in the harmonics, in the
-   gutters and in the statistics of seams. */
+/* A single window that covers the map is joined. The result equals the map that is baked at once, to the bit: R,
+   harmonics, gutters and the statistics of seams. */
 TEST(one_window_joins_to_the_map) {
     static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } };
     static test_scene s;
@@ -112,7 +112,7 @@ TEST(one_window_joins_to_the_map) {
     scene_free(&s);
 }
 
-/* If a few meshes are baked, only seams between these are joined. */
+/* If only some meshes are baked, only seams between these meshes are joined. */
 TEST(chosen_meshes_are_joined) {
     static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } }, meshes[4] = { 0, 1, 8, 20 };
     static test_scene s;
@@ -136,8 +136,8 @@ TEST(chosen_meshes_are_joined) {
     scene_free(&s);
 }
 
-/* Windows show the same surfaces as the whole map, also between places of supersampling that are not at the edges of
-   first-level tiles. */
+/* Windows show the same surfaces as the complete map, also if a window begins at a subsample that is not on the border
+   of a first-level tile. */
 TEST(windows_show_the_map) {
     static const sbl_channel shown[3] = { SBL_CHANNEL_ID, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL };
     static test_scene s;
@@ -169,7 +169,7 @@ TEST(windows_show_the_map) {
     scene_free(&s);
 }
 
-/* Returns the root mean square difference of R on charts, as a share of the mean. */
+/* Returns the RMS difference of R on charts, divided by the mean. */
 static double difference(void) {
     double sum = 0, off = 0;
     int i, count = 0;
@@ -182,8 +182,8 @@ static double difference(void) {
     return sqrt(off / count) / (sum / count);
 }
 
-/* Joined windows have the light of the map that is baked at once, and their own light does not depend on what was baked
-   before. Two places across a texel are in the middle of tiles. */
+/* Joined windows have the light of the map that is baked at once. The light of a window does not depend on earlier
+   bakes. With 2 x 2 subsamples, window borders lie inside tiles. */
 TEST(windows_join_to_the_map) {
     static test_scene s;
     int across;
@@ -211,8 +211,8 @@ TEST(windows_join_to_the_map) {
     scene_free(&s);
 }
 
-/* Texels under a box close to a floor are hidden: they take places of their own in the texel, which a window must find,
-   too. */
+/* Texels under a box that is close to a floor are hidden. Their sensors move to other places in the texel; a window
+   must find the same places. */
 TEST(hidden_texels_of_windows) {
     static const int halves[2][4] = { { 0, 0, 61, HEIGHT }, { 61, 0, WIDTH - 61, HEIGHT } };
     static test_scene s;
@@ -234,7 +234,7 @@ TEST(hidden_texels_of_windows) {
     scene_free(&s);
 }
 
-/* A price ends a window's work as it ends that of a picture: a high one costs fewer looks. */
+/* A price ends the work on a window as it ends that on a picture: a higher price takes fewer looks. */
 TEST(windows_have_a_price) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
@@ -252,7 +252,7 @@ TEST(windows_have_a_price) {
     scene_free(&s);
 }
 
-/* Overlaps are named by their place in the whole map, and only by the window that shows them. */
+/* An overlap is reported with its position in the complete map, and only by the window that shows it. */
 TEST(overlaps_are_named_in_their_window) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
@@ -312,7 +312,7 @@ TEST(every_field_is_checked) {
     d = joining_of(&map);
     d.lightmap.price = 0;
     d.light[1] = NULL;
-    memset(d.lightmap.window, 0xff, sizeof d.lightmap.window);  /* is ignored */
+    memset(d.lightmap.window, 0xff, sizeof d.lightmap.window);  /* must be ignored */
     CHECK(sbl_begin_windows(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
     sbl_end(context);
     scene_free(&s);
@@ -327,7 +327,7 @@ static int remember(float done, void *user) {
 }
 static int cancel(float done, void *user) { (void)user; return done > 0.3f; }
 
-/* Short steps change nothing; progress grows; the callback can cancel. */
+/* Short time slices change nothing, progress grows, and the callback can cancel. */
 TEST(joining_comes_in_pieces) {
     static test_scene s;
     sbl_lightmap_desc desc = ball_map(1);
@@ -354,7 +354,7 @@ TEST(joining_comes_in_pieces) {
 
 static sbl_result join_call(const void *desc) { return sbl_join_windows(context, (const sbl_windows_desc *)desc); }
 
-/* Each allocation fails once; then joining works again. The light is not compared, because joining changes it. */
+/* Each allocation fails once; afterwards joining works again. The light is not compared, because joining changes it. */
 TEST(memory_runs_out) {
     static char nothing;
     static test_scene s;

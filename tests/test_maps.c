@@ -1,5 +1,6 @@
-/* Tests of scenes with several lightmaps: one run of sbl_bake bakes them all with the same bounced light, as runs with
-   --map bake them one by one, and its files say which mesh is in which map. test_unwrap.sh makes such scenes. */
+/* Tests of scenes with several lightmaps. One run of sbl_bake bakes them all with the same bounced light. The result
+   equals that of one run with --map for each lightmap, and the output says which mesh is in which map. test_unwrap.sh
+   makes such scenes. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -14,7 +15,7 @@ static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f,
     "--formats", "pfm"
 #define SUN "\"KHR_lights_punctual\""
 
-/* Replaces a fragment of a text. */
+/* Replaces the first occurrence of a fragment in a text. */
 static void replace(char *text, const char *old, const char *with) {
     char *const at = strstr(text, old);
     REQUIRE(at, "%s is missing", old);
@@ -22,8 +23,8 @@ static void replace(char *text, const char *old, const char *with) {
     memcpy(at, with, strlen(with));
 }
 
-/* Writes the room with a sun and a shelf, which is the mesh of the floor. The floor is in map 0, the others are in map
-   `map`. */
+/* Writes the room with a sun and a shelf that uses the same mesh as the floor. The floor is in map 0, all other nodes
+   are in map `map`. */
 static void write_two(const char *name, int map) {
     static char text[16384];
     char more[512];
@@ -41,13 +42,13 @@ static void write_two(const char *name, int map) {
     write_text(name, text);
 }
 
-/* Writes the room. Returns 0 if sbl_bake was built without cJSON, which maps need. */
+/* Writes the room. Returns 0 if sbl_bake was built without cJSON, which several maps need. */
 static int make_room(void) {
     write_two("two.gltf", 1);
     return !(TOOL(DIRECT, "--map", "1", "--part", "1/1", "-o", "no.exr") == 1 && said("map 1"));
 }
 
-/* Checks that files of map 0 and 1 in `all` are those of the folders one_0 and one_1. */
+/* Checks that the files of maps 0 and 1 in `all` equal those in the folders one_0 and one_1. */
 static void check_files(const char *all, const char *const *files, int count) {
     char a[64], b[64];
     int map, i;
@@ -77,9 +78,9 @@ static void check_table(const char *baked, const char *const *texts, int count) 
     }
 }
 
-/* >>all maps */
+/* >>baking all maps in one run */
 
-/* Each map is, to the bit, that of its own run, and the bounced light is measured once. */
+/* Each map equals that of its own run, to the bit, and the bounced light is computed only once. */
 TEST(maps_are_those_of_their_own_runs) {
     static const char *const files[] = { "lightmap.pfm", "lightmap.ktx2", "atlas.pfm", "atlas.ktx2", "atlas.png",
                                          "sh_3.pfm", "ao.png", "sky.png", "shadow.png" };
@@ -105,7 +106,7 @@ TEST(maps_are_those_of_their_own_runs) {
           "the sensors of one map are told");
 }
 
-/* Light groups have a file for each map. */
+/* Light groups are written to one file per map. */
 TEST(groups_of_maps) {
     static const char *const files[] = { "atlas_lamp.pfm", "atlas_rest.pfm" };
     static const char *const named[] = { "\"groups\": {\"lamp\": [\"atlas_lamp_1.pfm\"], \"rest\": ["
@@ -118,7 +119,7 @@ TEST(groups_of_maps) {
     check_table("all", named, 1);
 }
 
-/* >>which mesh is in which map */
+/* >>the map of each mesh */
 
 static char text[32768];
 
@@ -142,23 +143,23 @@ TEST(the_table_tells_the_places) {
           "[0.125, 0.25]}"), "%s", text);
 }
 
-/* Returns the text of element number i of a list of JSON whose elements stand on lines of their own. */
+/* Returns the text of element i of a JSON list whose elements are on lines of their own. */
 static const char *element(const char *list, int i) {
     const char *at = strstr(text, list);
     for (i++; at && i > 0; i--) at = strstr(at + 1, "\n    {");
     return at ? at + 5 : "";
 }
 
-/* Returns the number after a key in the rest of a line; -1: there is none. */
+/* Returns the number after a key in the rest of a line, or -1 if the key is missing. */
 static int number_in(const char *line, const char *key) {
     const char *const at = strstr(line, key), *const end = strchr(line, '\n');
     return at && (!end || at < end) ? atoi(at + strlen(key)) : -1;
 }
 
-/* The material of the floor exists twice, because the shelf has it in another map. With --map 1, the floor has it
-   without a map. */
+/* The material of the floor is written twice, because the shelf uses it with another map. With --map 1, the floor uses
+   it without a map. */
 TEST(materials_refer_to_their_maps) {
-    static const int expected[2][3] = { { 1, 2, 2 }, { -1, 1, 1 } };  /* texture of the map of each mesh */
+    static const int expected[2][3] = { { 1, 2, 2 }, { -1, 1, 1 } };  /* per mesh: index of the texture of its map */
     int only, mesh;
     if (!make_room()) SKIP("built without cJSON");
     for (only = 0; only < 2; only++) {
@@ -205,8 +206,8 @@ TEST(some_need_one_map) {
     CHECK(TOOL(DIRECT, "-o", "no") == 1 && said("no mesh is in map 1") && !parts_left(), "%s", ran.err);
 }
 
-/* The windows of all maps stay until the last one is complete. A run that was killed in the second map goes on there,
-   and the result is the same, to the bit. */
+/* The windows of all maps are kept until the last map is complete. A run that was killed in the second map continues
+   there, and the result has the same bits. */
 TEST(killed_runs_go_on) {
     const char *const arguments[] = { LARGE, "-o", "often", "--resume", NULL };
     int killed;

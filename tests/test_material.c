@@ -1,7 +1,7 @@
-/* The material interface: for random materials, material.glsl and the C functions of >>material give the same
-   values. */
+/* Tests of the material interface: for random materials, material.glsl and the C functions in the section >>material of
+   sbl.h give the same values. */
 #define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
+#define SBL_STATIC  /* the compiler then drops unused functions */
 #define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
@@ -33,19 +33,19 @@ static const sbl__recipe material_recipe = { "material",
                                              { &sbl__object_record },
                                              SBL__TEXTURED };
 
-/* Returns a random number between 0 and 1. */
+/* Returns a random number from 0 to 1. */
 static double chance(uint32_t *state) {
     *state = *state * 747796405u + 2891336453u;
     return (test_hash(*state) + 0.5) / 4294967296.0;
 }
 
-/* Returns 0 in a fifth of the calls, `most` in a tenth, and otherwise a number in between. */
+/* Returns 0 in a fifth of the calls, `most` in a tenth, and a random number between them otherwise. */
 static float any_of(uint32_t *state, float most) {
     const double x = chance(state);
     return x < 0.2 ? 0 : x < 0.3 ? most : most * (float)chance(state);
 }
 
-/* Evaluates the scene's materials in a shader: two rows of texels, for fronts and backs. */
+/* Evaluates the materials of the scene in a shader. The result has two rows of texels: front sides and back sides. */
 static sbl_result shade_materials(const float light[3], float texels[3][2 * MATERIALS][4]) {
     sbl__device *d = &context->core.device;
     sbl__texture textures[3];
@@ -74,7 +74,7 @@ static sbl_result shade_materials(const float light[3], float texels[3][2 * MATE
     return result;
 }
 
-/* C and GLSL give the same emission, share of bounced light and reflection, to the bit or to rounding. */
+/* C and GLSL give the same emission, share of bounced light and reflection, to the bit or within rounding errors. */
 TEST(materials_in_c_and_in_shaders) {
     static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, light[3] = { 0.5f, 3, 1000 };
     static float texels[3][2 * MATERIALS][4];

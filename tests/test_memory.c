@@ -1,5 +1,5 @@
-/* Tests of the memory that a context holds: its budget, the estimate of sbl_picture_bytes and sbl_lightmap_bytes; and
-   of the fingerprint that tells scenes apart. */
+/* Tests of the memory that a context holds: its budget, and the estimates of sbl_picture_bytes and sbl_lightmap_bytes.
+   A further test checks the fingerprint that identifies a scene. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -8,7 +8,7 @@
 static watch seen;
 static test_scene cornell;
 
-/* Makes a context with a budget, whose scene is the Cornell box. Returns NULL on failure. */
+/* Makes a context with a memory budget and the Cornell box as its scene. Returns NULL on failure. */
 static sbl_context *make_context(size_t budget, int cells) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene = scene_desc(&cornell);
@@ -25,7 +25,8 @@ static double held(const sbl_context *context) {
     return (double)m.host_bytes + (double)m.gpu_bytes;
 }
 
-/* Works to the end in short steps, and returns the most memory that the context has held between two of them. */
+/* Continues the work in short steps until it is complete. Returns the greatest memory that the context held after a
+   step. */
 static double most_held(sbl_context *context) {
     double most = 0;
     sbl_result result = SBL_UNFINISHED;
@@ -36,7 +37,8 @@ static double most_held(sbl_context *context) {
     return result == SBL_SUCCESS ? most : 0;
 }
 
-/* The estimate is never too small, and for pictures whose pixels need most of the memory it is not much too large. */
+/* The estimate for a picture is never too small. If the pixels need most of the memory, the estimate is not much too
+   large. */
 TEST(pictures_need_what_is_foretold) {
     static const struct { int side, window, tile; sbl_mode mode; sbl_preset preset; double least; } cases[] = {
         { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.6 },
@@ -63,8 +65,8 @@ TEST(pictures_need_what_is_foretold) {
     }
 }
 
-/* The peaks of a picture with default settings are at most 250 bytes per pixel, host and GPU together, besides what
-   the context held before. */
+/* A picture with default settings needs at most 250 bytes per pixel at its peak, in host and GPU memory together, in
+   addition to the memory that the context held before. */
 TEST(pictures_need_250_bytes_per_pixel) {
     static const sbl_mode modes[2] = { SBL_MODE_DIRECT, SBL_MODE_GI };
     const int side = 1024;
@@ -89,7 +91,7 @@ TEST(pictures_need_250_bytes_per_pixel) {
     }
 }
 
-/* The estimate for lightmaps is neither too small nor much too large. */
+/* The estimate for a lightmap is not too small and not much too large. */
 TEST(lightmaps_need_what_is_foretold) {
     static const float corners[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
     int directional;
@@ -121,8 +123,8 @@ TEST(lightmaps_need_what_is_foretold) {
     }
 }
 
-/* A picture that exceeds the budget is refused before the work, with the size that would do; that size is then
-   accepted. What the context holds never exceeds the budget. */
+/* A picture that exceeds the budget is refused before the work, with a message that names the greatest possible size.
+   This size is then accepted. The context never holds more memory than the budget. */
 TEST(the_budget_is_kept) {
     const size_t budget = 90000000;
     sbl_context *context = make_context(budget, 1024);
@@ -138,7 +140,7 @@ TEST(the_budget_is_kept) {
     REQUIRE(words && sscanf(words, "enough for %d x %d", &side[0], &side[1]) == 2, "%s", watch_last(&seen));
     CHECK(side[0] > 200 && side[0] < 600 && side[0] == side[1], "%d x %d pixels would do", side[0], side[1]);
     view.window[0] = view.window[1] = 300;
-    view.window[2] = view.window[3] = side[0] - 48;  /* less its margin */
+    view.window[2] = view.window[3] = side[0] - 48;  /* the margin is subtracted */
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     m = sbl_query_memory(context);
     CHECK(m.host_peak_bytes + m.gpu_peak_bytes <= budget + budget / 5, "the peaks are %.0f and %.0f",
@@ -146,8 +148,8 @@ TEST(the_budget_is_kept) {
     sbl_destroy(context);
 }
 
-/* What is not foretold fails when the budget is used up, whether it is host memory, a buffer or a texture: the context
-   never holds more than its budget, and says why it failed. */
+/* Memory that the estimate does not contain may use up the budget: host memory, a buffer or a texture. Then the
+   allocation fails, the context holds no more than its budget, and the error message names the cause. */
 TEST(a_used_up_budget_is_an_error) {
     test_scene room = { 0 };
     sbl_context_desc desc = watch_desc(&seen);
@@ -192,8 +194,8 @@ TEST(a_used_up_budget_is_an_error) {
     scene_free(&room);
 }
 
-/* Equal scenes have equal fingerprints, in different contexts, too; every change of what light depends on changes it,
-   and every change of textures of normals. */
+/* Equal scenes have equal fingerprints, also in different contexts. A change of anything that affects the light changes
+   the fingerprint, and so does a change of a normal map. */
 TEST(fingerprints_tell_scenes_apart) {
     test_scene room = { 0 };
     sbl_context *context = make_context(0, 1024), *other = make_context(0, 2048);

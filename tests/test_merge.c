@@ -1,5 +1,5 @@
-/* Tests of pictures in parts: sbl_render --part and --plan, sbl_merge, and large pictures that are made window by
-   window and survive kills. */
+/* Tests of pictures in parts: sbl_render --part and --plan, and sbl_merge. Further tests make large pictures window by
+   window, and continue runs that were killed. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -7,13 +7,13 @@
 #include <math.h>
 #include <time.h>
 
-/* A room of 48 x 32 pixels in direct light; and the same with 900 x 600 pixels and so little memory that it is made
-   window by window. */
+/* VIEW is a room in direct light. PICTURE has 48 x 32 pixels. LARGE has 900 x 600 pixels, and so little memory that it
+   is made window by window. */
 #define VIEW "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--mode", "direct", "--quiet"
 #define PICTURE VIEW, "--size", "48x32"
 #define LARGE VIEW, "--size", "900x600", "--preset", "draft", "--memory", "64M"
 
-/* Runs sbl_merge with arguments. */
+/* Runs sbl_merge with these arguments. */
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
 #define RENDER(...) (tool_use("sbl_render"), run((const char *const[]){ __VA_ARGS__, NULL }))
 
@@ -22,8 +22,8 @@ static int has_openexr(void) {
     return !(RENDER(VIEW, "--size", "4x4", "-o", "probe.exr") == 1 && said("OpenEXR"));
 }
 
-/* Makes parts 1 to `count` of the picture as NAME.1.exr, NAME.2.exr, ... more: an option and its value, or NULL.
-   Returns whether all were made. */
+/* Makes parts 1 to `count` of the picture as NAME.1.exr, NAME.2.exr and so on. more: an option and its value, or NULL.
+   Returns 1 if all parts were made. */
 static int make_parts(const char *name, int count, const char *more, const char *value) {
     const char *const arguments[] = { PICTURE, more, value, NULL };
     char pattern[64];
@@ -32,9 +32,10 @@ static int make_parts(const char *name, int count, const char *more, const char 
     return run_parts(arguments, pattern, count);
 }
 
-/* ---- parts ---- */
+/* ---- parts and their joining ---- */
 
-/* Parts show what the whole shows, pixel by pixel, in every format; a folder of parts works like their names. */
+/* Joined parts equal the picture that is made at once, pixel by pixel, in every format. A folder of parts can be given
+   in place of their names. */
 TEST(parts_make_the_whole) {
     picture positions;
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -55,7 +56,7 @@ TEST(parts_make_the_whole) {
           mean_difference("whole.pfm", "all.pfm"));
 }
 
-/* A .png of parts that hold what a screen shows looks like the one that is made at once. */
+/* Parts with the channel display are joined to a .png. It is close to the .png that is made at once. */
 TEST(parts_make_a_png) {
     stbi_uc *pixels[2];
     int w, h, n, i, k, off = 0;
@@ -72,8 +73,8 @@ TEST(parts_make_a_png) {
     CHECK(MERGE("light.1.exr", "light.2.exr", "-o", "all.png") == 0 && said("--channel display"), "%s", ran.err);
 }
 
-/* The same part has the same bits whatever was made before; with the plan of another run; and if a scheduler says which
-   part it is. */
+/* A part has the same bits after other work, with the plan of another run, and if a scheduler gives the number of the
+   part in an environment variable. */
 TEST(parts_do_not_depend_on_each_other) {
     static const struct { const char *name, *value; } variables[] = { { "SLURM_ARRAY_TASK_ID", "2" },
         { "SGE_TASK_ID", "2" }, { "PBS_ARRAY_INDEX", "2" }, { "JOB_COMPLETION_INDEX", "1" },
@@ -95,7 +96,8 @@ TEST(parts_do_not_depend_on_each_other) {
     CHECK(RENDER(PICTURE, "--part", "auto/3", "-o", "c.exr") == 2 && said("SLURM_ARRAY_TASK_ID"), "%s", ran.err);
 }
 
-/* Parts that another program has made at the same time keep one plan. */
+/* The first plan is kept and used. A run that does not fit it, because the number of parts or an option differs, is
+   refused; so is a file that is no plan or a damaged plan. */
 TEST(the_first_plan_counts) {
     char before[4096], after[4096];
     int lines;
@@ -115,7 +117,7 @@ TEST(the_first_plan_counts) {
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
 }
 
-/* Returns the price in a plan. */
+/* Returns the price that a plan contains. */
 static double price_in(const char *plan) {
     char text[4096];
     const char *found;
@@ -125,8 +127,9 @@ static double price_in(const char *plan) {
     return found ? strtod(found + 11, NULL) : NAN;
 }
 
-/* The price of the whole is that of the small picture, times the ratio of their pixels to the power of 0.4 (ON PARTS in
-   sbl.h). Both pictures here have the same small picture, of 192 x 128 pixels. */
+/* The price of the complete picture equals that of the preview picture, multiplied by the ratio of the numbers of
+   pixels to the power of 0.4 (see ON PARTS in sbl.h). Both pictures of this test have the same preview of 192 x 128
+   pixels. */
 TEST(prices_grow_with_the_pixels) {
     double prices[2];
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -137,7 +140,7 @@ TEST(prices_grow_with_the_pixels) {
     CHECK(fabs(prices[1] / prices[0] / pow(4, 0.4) - 1) < 1e-5, "prices %g and %g", prices[0], prices[1]);
 }
 
-/* Makes `to` from a part, whose whole then claims to be about 2^30 pixels wide. */
+/* Copies a part to the file `to`, and changes the width of the complete picture in it to about 2^30 pixels. */
 static void widen(const char *from, const char *to) {
     static const char name[] = "displayWindow\0box2i";
     static char bytes[1 << 18];
@@ -145,12 +148,13 @@ static void widen(const char *from, const char *to) {
     const size_t size = in ? fread(bytes, 1, sizeof bytes, in) : 0;
     size_t i;
     if (in) fclose(in);
-    for (i = 0; i + sizeof name + 20 < size; i++)  /* the name, its size and x and y of the first pixel precede */
+    for (i = 0; i + sizeof name + 20 < size; i++)  /* the name, its size, and x and y of the first pixel come first */
         if (memcmp(bytes + i, name, sizeof name) == 0) bytes[i + sizeof name + 4 + 8 + 3] = 0x3f;
     write_file(to, bytes, size);
 }
 
-/* What is no part of the picture is refused by name, and a file that exists already stays as it was. */
+/* sbl_merge refuses missing, duplicate, damaged or foreign parts with one error that names the part or file, and leaves
+   an existing output file unchanged. */
 TEST(wrong_parts_are_refused) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     REQUIRE(make_parts("p", 3, NULL, NULL) && make_parts("other", 2, NULL, NULL) &&
@@ -178,7 +182,7 @@ TEST(wrong_parts_are_refused) {
     damage("p.2.exr", "turned.exr", 0, 1500);
     REFUSED("turned.exr: ", "p.1.exr", "turned.exr", "p.3.exr");
     widen("p.1.exr", "wide.exr");
-    REFUSED("wide.exr: it is damaged: its whole has ", "wide.exr");
+    REFUSED("wide.exr: it is damaged: it is a part of a picture of ", "wide.exr");
     mkdir(in_folder("bare"), 0777);
     REFUSED("bare: this folder has no files whose names end in .exr", "bare");
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
@@ -195,7 +199,7 @@ TEST(wrong_parts_are_refused) {
     CHECK(MERGE("p.1.exr", "p.2.exr", "p.3.exr", "-o", "all.exr") == 0 && !parts_left(), "%s", ran.err);
 }
 
-/* Windows that were chosen by hand are joined if they cover the picture, each pixel once. */
+/* Windows that the user chose are joined if they cover the picture and each pixel is in one window. */
 TEST(windows_are_joined) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "--window", "0,0,20,32", "-o", "left.exr") == 0 &&
@@ -210,8 +214,8 @@ TEST(windows_are_joined) {
           ran.err);
 }
 
-/* Parts of different drivers fit together if they have one plan, with one warning. Mesa's software renderer counts as
-   another driver if its vectors have another width. */
+/* Parts that were made with different drivers but one plan can be joined; this gives one warning. Mesa's software
+   renderer counts as another driver if its vectors have another width. */
 TEST(drivers_may_differ) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "drivers") == 0, "%s", ran.err);
@@ -224,7 +228,7 @@ TEST(drivers_may_differ) {
     CHECK(MERGE("a.exr", "b.exr", "-o", "all.pfm", "--quiet") == 0 && !ran.err[0], "%s", ran.err);
 }
 
-/* Another program, OpenImageIO's oiiotool, joins the parts to the same pixels. */
+/* oiiotool of OpenImageIO joins the parts to the same pixels. */
 TEST(oiiotool_joins_parts) {
     char command[1024];
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -236,7 +240,7 @@ TEST(oiiotool_joins_parts) {
     CHECK(system(command) == 0, "oiiotool finds a difference, or fails");
 }
 
-/* Values of --part and --output that cannot be. */
+/* Invalid values of --part and --output are refused. */
 TEST(parts_that_cannot_be) {
     static const char *const wrong[] = { "0/3", "4/3", "1/0", "1/10001", "1", "1/", "/3", "a/3", "1/3x", "-1/3",
         "auto/" };
@@ -259,17 +263,18 @@ TEST(parts_that_cannot_be) {
     CHECK(MERGE("a.exr", "-o", "all.exr") == 0, "%s", ran.err);
 }
 
-/* ---- window by window ---- */
+/* ---- pictures that are made window by window ---- */
 
-/* Kills sbl_render as soon as `count` windows of the large picture are finished, see kill_when. */
+/* Kills sbl_render as soon as `count` windows of the large picture are finished; see kill_when. */
 static int kill_after(int count, const char *output) {
     const char *const arguments[] = { LARGE, "-o", output, "--resume", NULL };
     tool_use("sbl_render");
     return kill_when(arguments, output, count);
 }
 
-/* A picture that exceeds the memory is made window by window. It shows what the whole shows. A run that was killed goes
-   on where it was, and the result is the same, to the bit. Nothing is left over. */
+/* A picture that exceeds the allowed memory is made window by window. It shows the same as the picture that is made at
+   once. A run that was killed continues with the first missing window, and the result has the same bits. No temporary
+   files remain. */
 TEST(killed_runs_go_on) {
     int killed[3], windows[3], k;
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -296,14 +301,14 @@ TEST(killed_runs_go_on) {
           mean_difference("whole.pfm", "once.pfm"), ran.err);
 }
 
-/* Large pictures of surfaces, which need no light, are made window by window, too. */
+/* Large pictures of channels that need no light are also made window by window. */
 TEST(large_surfaces) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(LARGE, "--channel", "depth", "-o", "depth.exr") == 0 && !exists("depth.exr.parts"), "status %d: %s",
           ran.status, ran.err);
 }
 
-/* Windows that were damaged after they were finished are made again. Bounced light is not made again. */
+/* Finished windows that were damaged later are made again. Bounced light is not computed again. */
 TEST(finished_windows_are_checked) {
     static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
         "900x600", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
@@ -319,7 +324,8 @@ TEST(finished_windows_are_checked) {
     CHECK(run(gi) == 0 && same_files("light.exr", "killed.exr"), "%s", ran.err);
 }
 
-/* Two programs do not work in one folder; a signal keeps the finished windows; pipes get no large picture. */
+/* Two programs cannot use one folder of windows at the same time. A signal keeps the finished windows. A large picture
+   cannot be written to a pipe. */
 TEST(a_folder_has_one_user) {
     const char *const arguments[] = { LARGE, "-o", "one.exr", NULL };
     pid_t child;
@@ -338,7 +344,8 @@ TEST(a_folder_has_one_user) {
           "%s", ran.err);
 }
 
-/* If the disk is full, the run says so, and goes on when there is space. Another part does not use the windows. */
+/* If the disk is full, the run reports it. A later run continues when there is space. The windows of one part are not
+   used for another part. */
 TEST(a_full_disk_loses_nothing) {
     const char *const arguments[] = { LARGE, "-o", "full.pfm", NULL };
     const char *const again[] = { LARGE, "-o", "full.pfm", "--resume", NULL };

@@ -1,15 +1,15 @@
-/* Tests of bakes in parts: sbl_bake --part and sbl_merge, for probes and for light at vertices. Joined parts must be
+/* Tests of bakes in parts: sbl_bake --part and sbl_merge, for probes and for light at vertices. Joined parts must equal
    the file of a bake in one piece, to the byte. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
 
-/* Runs sbl_merge or sbl_bake with arguments. */
+/* These run sbl_merge or sbl_bake with the given arguments. */
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
 #define BAKE(...) (tool_use("sbl_bake"), run((const char *const[]){ __VA_ARGS__, NULL }))
 
-/* A room of four meshes in direct light, with few rays. */
+/* The scene is a room of four meshes. The bakes use direct light and few rays. */
 #define FAST "--mode", "direct", "--preset", "draft", "--quiet"
 #define PROBES "meshes.obj", FAST, "--probes", "3x2x3"
 #define VERTICES "meshes.obj", FAST, "--vertices"
@@ -35,8 +35,8 @@ static void meshes_obj(void) {
     write_text("meshes.obj", text);
 }
 
-/* Makes parts 1 to `count` as NAME.1.ENDING, ... arguments: those of sbl_bake, then NULL. Returns whether all were
-   made. */
+/* Makes parts 1 to `count` as NAME.1.ENDING, NAME.2.ENDING and so on. arguments: arguments of sbl_bake, then NULL.
+   Returns 1 if all parts were made. */
 static int make_parts(const char *name, const char *ending, int count, const char *const *arguments) {
     char pattern[64];
     snprintf(pattern, sizeof pattern, "%s.%%d%s", name, ending);
@@ -45,20 +45,20 @@ static int make_parts(const char *name, const char *ending, int count, const cha
 }
 #define PARTS(name, ending, count, ...) make_parts(name, ending, count, (const char *const[]){ __VA_ARGS__, NULL })
 
-/* Returns the value of a fact of a part of probes, such as "first": or of vertices, such as comment sbl.first */
+/* Returns a value from the head of a part, such as "first": of probes, or comment sbl.first of vertices. */
 static int fact_of(const char *name, const char *fact) { return (int)number_after(name, fact); }
 
-/* Lets the tool have at most 10 files open at the same time. */
+/* Limits the tool to 10 open files. */
 static void few_files(void) {
     struct rlimit limit;
     limit.rlim_cur = limit.rlim_max = 10;
     setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-/* ---- what parts make ---- */
+/* ---- joining ---- */
 
-/* Parts of a grid make the file of the whole, also if there is one part, or as many as probes. More parts can be joined
-   than files can be open. */
+/* Joined parts of a grid equal the file of the complete bake, also with one part, and with one part per probe. The
+   number of parts may exceed the number of files that can be open. */
 TEST(parts_of_a_grid) {
     meshes_obj();
     REQUIRE(BAKE(PROBES, "-o", "whole.json") == 0, "%s", ran.err);
@@ -81,7 +81,8 @@ TEST(parts_of_a_grid) {
           "moved probes differ: %s", ran.err);
 }
 
-/* The same for a list of positions, whose file may have another name on another machine. */
+/* Joined parts of a list of positions equal the file of the complete bake. The list may have another name on another
+   machine. */
 TEST(parts_of_a_list) {
     char text[1024] = "";
     int i;
@@ -106,7 +107,7 @@ TEST(parts_of_a_list) {
           said("1 parts are too many for 0 probes") && !exists("no.json"), "%s", ran.err);
 }
 
-/* Parts of meshes make the file of the whole. Their triangles are about the same number. */
+/* Joined parts of meshes equal the file of the complete bake. The parts have similar numbers of triangles. */
 TEST(parts_of_vertices) {
     int count;
     meshes_obj();
@@ -121,7 +122,7 @@ TEST(parts_of_vertices) {
         CHECK(MERGE(name, "-o", "all.ply") == 0 && same_files("all.ply", "whole.ply"), "%d parts are not the whole: %s",
               count, ran.err);
     }
-    /* 2, 12, 4 and 2 triangles */
+    /* the meshes have 2, 12, 4 and 2 triangles */
     CHECK(fact_of("v2/v.2.ply", "comment sbl.first ") == 2 && fact_of("v3/v.2.ply", "comment sbl.first ") == 1 &&
           fact_of("v3/v.2.ply", "comment sbl.count ") == 1 && fact_of("v4/v.4.ply", "comment sbl.first ") == 3,
           "parts begin at %d, %d (%d), %d", fact_of("v2/v.2.ply", "comment sbl.first "),
@@ -132,8 +133,8 @@ TEST(parts_of_vertices) {
           "averages differ: %s", ran.err);
 }
 
-/* Parts with light groups make the file of the whole. Parts with other groups do not fit, and damaged groups are
-   refused. */
+/* Joined parts with light groups equal the file of the complete bake. Parts with other groups are refused, and so are
+   damaged groups. */
 TEST(parts_with_light_groups) {
     static const char *const names[2] = { "whole.json", "whole.ply" };
     static const char *const edits[][2] = { { "{\"above\": {", "{\"about\": {" }, { "\"rest\"]", "\"res t\"" },
@@ -169,7 +170,8 @@ TEST(parts_with_light_groups) {
     CHECK(strstr(text, "property float radiance_above_b\nproperty float radiance_rest_r\n"), "%.600s", text);
 }
 
-/* With bounced light, parts make the whole if they share a store, and if each makes its own. */
+/* With bounced light, joined parts equal the complete bake, both if the parts share a store and if each part makes its
+   own. */
 TEST(parts_with_bounced_light) {
     meshes_obj();
 #define GI "meshes.obj", "--preset", "draft", "--quiet", "--max-bounce-cells", "1024"
@@ -185,8 +187,8 @@ TEST(parts_with_bounced_light) {
           ran.err);
 }
 
-/* Parts are valid files for other programs: JSON for Python, also if options contain characters of all kinds; and .ply
-   for assimp, through sbl_render, with the bytes that its head announces. */
+/* Parts are valid files for other programs. Python reads the JSON, also if options contain special characters. assimp
+   reads the .ply through sbl_render, and the .ply has as many bytes as its header announces. */
 TEST(parts_are_valid_files) {
     static char text[65536];
     const char *at;
@@ -218,13 +220,13 @@ TEST(parts_are_valid_files) {
     CHECK(system(command) == 0, "Python does not read the part");
 }
 
-/* ---- what is refused ---- */
+/* ---- refused parts ---- */
 
 #define REFUSED(words, ...) do {                                                                    \
         CHECK(MERGE(__VA_ARGS__) == 1 && said(words) && ran.err_lines == 1, "%s: %s", words, ran.err); \
     } while (0)
 
-/* Wrong parts of probes are refused by name, and a file that exists already stays as it was. */
+/* Wrong parts of probes are refused with an error that names the part, and an existing output file stays unchanged. */
 TEST(wrong_probes_are_refused) {
     static char text[65536];
     int lines;
@@ -268,7 +270,7 @@ TEST(wrong_probes_are_refused) {
           same_files("all.json", "whole.json"), "%s", ran.err);
 }
 
-/* Replaces words in a part by others, and expects that it is refused. */
+/* Replaces words in a part by others, and checks that sbl_merge refuses it. */
 static void refuse_edited(const char *from, const char *words, const char *others, const char *message) {
     static char text[65536], edited[70000];
     char to[64];
@@ -285,7 +287,7 @@ static void refuse_edited(const char *from, const char *words, const char *other
             "%.40s instead of %s: status %d, %s", others, words, ran.status, ran.err);
 }
 
-/* Probes are copied only if they have the form that sbl_bake writes. */
+/* Probes are copied only if they have exactly the form that sbl_bake writes. */
 TEST(the_form_of_probes_is_checked) {
     static const char *const edits[][2] = {
         { "\"valid\": true", "\"valid\": truth" }, { "\"sh\": [[", "\"sh\": [[1, 2, 3], [" },
@@ -317,8 +319,8 @@ TEST(the_form_of_probes_is_checked) {
     refuse_edited("p.2.json", "\"count\": 9", "\"count\": 8", "1 of 18 probes are in no part");
 }
 
-/* Wrong parts of vertices are refused, too: of another size than the head says, or with faces that refer to vertices
-   of other parts. */
+/* Wrong parts of vertices are refused, also those with another size than the header announces, and those with faces
+   that refer to vertices of other parts. */
 TEST(wrong_vertices_are_refused) {
     struct stat info;
     long size;
@@ -344,7 +346,7 @@ TEST(wrong_vertices_are_refused) {
     CHECK(!exists("no.ply") && !parts_left(), "a file is left");
 }
 
-/* Values of --part and --output that cannot be. */
+/* Invalid values of --part and --output are refused. */
 TEST(parts_that_cannot_be) {
 #define CANNOT(words, ...) do {                                                                            \
         CHECK(BAKE(__VA_ARGS__) == 2 && said(words) && ran.err_lines == 1, "%s: %d, %s", words, ran.status, ran.err); \
@@ -371,8 +373,8 @@ TEST(parts_that_cannot_be) {
     unsetenv("JOB_COMPLETION_INDEX");
 }
 
-/* Parts of different drivers give one warning. Mesa's software renderer counts as another driver if its vectors have
-   another width. */
+/* Parts that were made with different drivers give one warning. Mesa's software renderer counts as another driver if
+   its vectors have another width. */
 TEST(drivers_may_differ) {
     meshes_obj();
     REQUIRE(PARTS("p", ".json", 3, PROBES), "%s", ran.err);
@@ -385,7 +387,7 @@ TEST(drivers_may_differ) {
     CHECK(MERGE("p.1.json", "p.2.json", "p.3.json", "-o", "all.json", "--quiet") == 0 && !ran.err[0], "%s", ran.err);
 }
 
-/* Interrupted runs, and those on a full disk, leave no file. */
+/* Interrupted runs and runs on a full disk leave no incomplete file. */
 TEST(no_half_files) {
     static const char *const slow[] = { "meshes.obj", "--mode", "direct", "--rays", "4096", "--probes", "40x40x40",
         "--part", "2/3", "-o", "no.json", NULL };

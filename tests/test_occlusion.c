@@ -1,5 +1,5 @@
-/* Tests of ambient occlusion and sky visibility: options.ray_length of sbl.h against closed forms, and the maps of
-   sbl_bake --ao. */
+/* Tests of ambient occlusion and sky visibility. options.ray_length of sbl.h and the maps of sbl_bake --ao are compared
+   with closed forms. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
@@ -8,7 +8,7 @@
 #include "support/gl_watch.h"
 #include "support/one_context.h"
 
-/* A floor of 4 x 4 that touches a wall of 100 x 100 at its edge x = 0. Black, below a sky of 1. */
+/* A black floor of 4 x 4 touches a black wall of 100 x 100 at its edge x = 0. The sky has a radiance of 1. */
 enum { MAP = 32 };
 
 static int set_floor_and_wall(void) {
@@ -39,14 +39,14 @@ static int set_floor_and_wall(void) {
     return sbl_set_scene(context, &scene) == SBL_SUCCESS;
 }
 
-/* Directions, projected onto the floor, fill a disc of radius 1 evenly. The wall is within a distance for those beyond
-   the chord at x / distance. */
+/* Returns the share of cosine-weighted rays that meet the wall within a distance. Projected onto the floor, these
+   directions fill a disc of radius 1 uniformly; the rays that meet the wall are beyond the chord at x / distance. */
 static double occlusion_beside_wall(double x, double distance) {
     const double s = x / distance;
     return s < 1 ? 1 - (acos(s) - s * sqrt(1 - s * s)) / TEST_PI : 1;
 }
 
-/* The form factor of a wall of this height that has no other end. */
+/* Returns the sky visibility beside an infinitely long wall of this height. */
 static double sky_beside_wall(double x, double height) { return 0.5 + 0.5 * x / sqrt(x * x + height * height); }
 
 TEST(readings_beside_a_wall) {
@@ -103,7 +103,7 @@ TEST(a_map_beside_a_wall) {
     }
 }
 
-/* Rays of specular lobes are not rays over the hemisphere: they do not end below a black ceiling, which hides the
+/* options.ray_length does not limit rays of specular lobes: below a black ceiling they see the ceiling and not the
    sky. */
 TEST(reflections_do_not_end) {
     test_scene s = { 0 };
@@ -130,8 +130,8 @@ TEST(reflections_do_not_end) {
     scene_free(&s);
 }
 
-/* Short rays do not hide that a sensor stands in a body: a box whose bottom lies between the floor and the sensor, and
-   whose other sides are farther away than rays reach. */
+/* A sensor inside a body is detected although rays are short. The body is a box whose bottom lies between the floor and
+   the sensor, and whose other sides are beyond the length of the rays. */
 TEST(stuck_sensors_are_found) {
     test_scene s = { 0 };
     sbl_scene_desc scene;

@@ -1,6 +1,6 @@
-/* Tests of the files that sbl_render writes, and of what it leaves when it is interrupted. Signals are sent at chosen
-   moments: at a certain system call, which this program observes as the tracer of the tool, or when the progress bar
-   shows a certain percentage. No test depends on how fast anything runs. */
+/* Tests of the files that sbl_render writes, and of the files that remain when it is interrupted. Signals are sent at
+   chosen moments: at a certain system call, which this program observes with ptrace, or when the progress bar shows a
+   certain percentage. No test depends on speed. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -28,9 +28,9 @@ static int holds(const char *name, const char *words) {
     return strcmp(text, words) == 0;
 }
 
-/* >>moments: the tool is stopped at system calls that concern its temporary files */
+/* >>moments: stopping the tool at system calls that concern its temporary files */
 
-enum { OPENS, WRITES, RENAMES, WAITS, CALLS }; /* WAITS: for the process that reads the scene */
+enum { OPENS, WRITES, RENAMES, WAITS, CALLS }; /* WAITS: waits for the process that reads the scene */
 
 typedef struct moment {
     int call, signal;
@@ -71,12 +71,12 @@ static void be_traced(void) {
     const char *options = getenv("ASAN_OPTIONS");
     hear_signals();
     snprintf(more, sizeof more, "%.500s%sdetect_leaks=0", options ? options : "", options && *options ? ":" : "");
-    setenv("ASAN_OPTIONS", more, 1); /* the leak checker would have to be the tracer */
+    setenv("ASAN_OPTIONS", more, 1); /* the leak checker uses ptrace, too */
     if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) _exit(98);
 }
 
-/* Runs the tool. At each moment in turn, acts and sends the signal. Returns the number of moments that occurred, or -1
-   if nothing can be traced. */
+/* Runs the tool. At each moment in turn, calls its action and sends its signal. Returns the number of moments that
+   occurred, or -1 if ptrace is not permitted. */
 static int run_traced_as(void (*child_start)(void), const char *const *arguments, const moment *moments, int count) {
     struct __ptrace_syscall_info call;
     char path[600];
@@ -122,7 +122,7 @@ static int run_traced_as(void (*child_start)(void), const char *const *arguments
     if (WIFSTOPPED(status)) ptrace(PTRACE_DETACH, child, NULL, NULL);
     finish(child);
     if (!WIFSTOPPED(status))
-        ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status); /* the process had ended */
+        ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status); /* the process has already ended */
     return done;
 }
 #define TRACED(arguments, moments, count)                                                                         \
@@ -134,7 +134,7 @@ static int run_traced_as(void (*child_start)(void), const char *const *arguments
 
 static const char *const room_arguments[] = { ROOM, "-o", "out.png", NULL };
 
-/* >>names */
+/* >>names of files */
 
 static char planted[600];
 static void plant(const char *path) {
@@ -142,8 +142,8 @@ static void plant(const char *path) {
     CHECK(symlink("victim", planted) == 0, "%s: %s", planted, strerror(errno));
 }
 
-/* A symbolic link planted at the name of the temporary file is not written through. The tool opens a temporary file
-   twice: to test whether it may, and to write. */
+/* A symbolic link that exists at the name of the temporary file is not followed. The tool opens a temporary file twice:
+   as a test of permissions, and to write. */
 TEST(planted_links_are_not_written_through) {
     static const moment first[] = { { OPENS, 0, plant } }, second[] = { { OPENS, 0, NULL }, { OPENS, 0, plant } };
     int i;
@@ -162,7 +162,7 @@ TEST(planted_links_are_not_written_through) {
     }
 }
 
-/* An output name of the maximal length works, although temporary names are derived from it. */
+/* An output name of the greatest length works, although names of temporary files are derived from it. */
 TEST(names_may_be_as_long_as_they_can) {
     char name[256];
     memset(name, 'x', sizeof name);
@@ -172,9 +172,9 @@ TEST(names_may_be_as_long_as_they_can) {
     remove(in_folder(name));
 }
 
-/* >>existing files */
+/* >>existing output files */
 
-/* New files get the permissions of the umask; existing files keep theirs. */
+/* New files get the permissions of the umask. Existing files keep their permissions. */
 TEST(permissions_are_kept) {
     static const mode_t masks[] = { 0, 022, 027, 077 }, modes[] = { 0644, 0640, 0600, 0444, 0666, 0755 };
     const mode_t mask = umask(0);
@@ -201,7 +201,7 @@ TEST(permissions_are_kept) {
     umask(mask);
 }
 
-/* Symbolic links are followed and stay; hard links are separated. */
+/* Symbolic links are followed and remain. A hard link is separated from the others: these keep the old contents. */
 TEST(links_stay) {
     struct stat info;
     room_obj();
@@ -229,7 +229,7 @@ TEST(links_stay) {
           (int)info.st_nlink, leftovers);
 }
 
-/* Devices, pipes and links to them are written directly and stay what they are. */
+/* Devices, pipes and links to them are written in place and remain. */
 TEST(devices_and_pipes_are_written_to) {
     static const char *const into_pipe[] = { ROOM, "-o", "pipe.png", NULL };
     static unsigned char bytes[1 << 16];
@@ -265,7 +265,7 @@ TEST(devices_and_pipes_are_written_to) {
     stbi_image_free(pixels);
 }
 
-/* >>two outputs in one file */
+/* >>outputs that are the same file as another output or an input */
 
 static void check_misuse(const char *what) {
     CHECK(ran.status == 2 && ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: exit status %d: %s",
@@ -273,7 +273,7 @@ static void check_misuse(const char *what) {
     CHECK(!parts_left(), "%s: %d temporary files are left", what, leftovers);
 }
 
-/* Picture and statistics in one file are refused, whatever names and links are used. */
+/* A picture and statistics with the same file are refused, also if the names differ or links are used. */
 TEST(outputs_are_two_files) {
     char whole[256];
     room_obj();
@@ -341,10 +341,10 @@ TEST(what_is_read_is_not_overwritten) {
           "%s", ran.err);
 }
 
-/* >>signals */
+/* >>signals while files are written */
 
-/* Checks that the last run ended by the signal, said so in one line that contains the words, and left no temporary
-   files. */
+/* Checks that the signal ended the last run, that the run printed one line with the given words, and that no temporary
+   files remain. */
 static void check_interrupted(const char *what, int number, const char *words) {
     CHECK(ran.status == 128 + number, "%s: exit status %d, expected %d: %s", what, ran.status, 128 + number, ran.err);
     CHECK(ran.err_lines == 1 && said("sbl_render: interrupted; ") && said(words), "%s: expected \"%s\" in one line: %s",
@@ -358,7 +358,7 @@ static void forget(void) {
     for (i = 0; i < sizeof names / sizeof *names; i++) remove(in_folder(names[i]));
 }
 
-/* A signal before the first pixel leaves nothing behind. */
+/* A signal before the first pixel leaves no files. */
 TEST(before_there_is_a_picture) {
     static const int calls[] = { OPENS, WAITS };
     int i, k;
@@ -376,8 +376,8 @@ TEST(before_there_is_a_picture) {
         }
 }
 
-/* A signal while the picture is written: the picture must not get its final name. The first opening only tests whether
-   the file may be written. */
+/* If a signal comes while the picture is written, the picture does not get its final name. The first opening of the
+   temporary file only tests whether it can be written. */
 TEST(while_the_picture_is_written) {
     static const char *const arguments[] = { ROOM, "-o", "out.pfm", "--stats", "out.json", NULL };
     int k;
@@ -397,7 +397,7 @@ TEST(while_the_picture_is_written) {
     }
 }
 
-/* A signal after the picture is written keeps the picture, without statistics. */
+/* A signal after the picture is written keeps the picture. No statistics are written. */
 TEST(while_the_statistics_are_written) {
     static const char *const arguments[] = { ROOM, "--sky", "0,0,0", "-o", "out.png", "--stats", "out.json",
                                              NULL };
@@ -410,7 +410,7 @@ TEST(while_the_statistics_are_written) {
           "the picture should be complete, and the only file");
 }
 
-/* A second signal, while the tool still handles the first one, ends it at once. */
+/* A second signal ends the tool at once, even while it handles the first one. */
 TEST(a_second_signal_ends_at_once) {
     int i, k;
     room_obj();
@@ -450,13 +450,13 @@ TEST(what_is_ignored_stays_ignored) {
           ran.status, ran.err);
 }
 
-/* >>signals during the work. With one sensor per pixel the picture takes a minute on two cores, so that on any machine
-   the signals come before it ends. */
+/* >>signals during the work. With one sensor per pixel the picture takes a minute on two cores; therefore the signals
+   come before its end on any machine. */
 
 #define LONG \
     "room.obj", "--mode", "ambient", "--size", "320x240", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
-/* Interrupted before the first level, the tool writes nothing. */
+/* If the tool is interrupted before the end of the first level, it writes nothing. */
 TEST(before_the_first_level) {
     static const char *const arguments[] = { LONG, "--tile", "1", "-o", "out.png", "--stats", "out.json", NULL };
     int k;
@@ -472,7 +472,7 @@ TEST(before_the_first_level) {
     }
 }
 
-/* Interrupted after the first of five levels, which ends at 5 %, the tool writes a partial picture. */
+/* If the tool is interrupted after the first of five levels, which ends at 5 %, it writes a partial picture. */
 TEST(after_the_first_level) {
     static const char *const png[] = { LONG, "--tile", "16", "-o", "out.png", "--stats", "out.json", NULL };
     static const char *const sensor[] = { LONG, "--tile", "16", "--inspect", "5,5", "-o", "out.png", NULL };
@@ -495,7 +495,7 @@ TEST(after_the_first_level) {
           ran.status, ran.err);
 }
 
-/* >>broken pipes and closed handles */
+/* >>broken pipes and closed file descriptors */
 
 static int closed_handle;
 static void break_pipe(void) {
@@ -511,7 +511,7 @@ static void run_with(void (*before)(void), const char *const *arguments) {
     in_child = NULL;
 }
 
-/* SIGPIPE does not kill the tool: a broken pipe is ignored for warnings, and a failed write for outputs. */
+/* SIGPIPE does not kill the tool. A broken pipe is ignored for warnings, and is a write error for outputs. */
 TEST(a_broken_pipe_is_a_failed_write) {
     static const char *const warned[] = { "warned.obj", "--size", "24x16", SMALL, "-o", "out.png", NULL };
     static const char *const stats[] = { ROOM, "-o", "out.png", "--stats", "/dev/stdout", NULL };
@@ -555,8 +555,8 @@ static void be_traced_closed(void) {
     close(2);
 }
 
-/* If stdin, stdout and stderr are closed, files must not get their handles, or messages would go into the picture. The
-   tool must open /dev/null for all three. */
+/* If stdin, stdout and stderr are closed, an opened file could get one of their file descriptors, and messages would go
+   into the picture. Therefore the tool must open /dev/null for all three. */
 TEST(closed_handles_do_no_harm) {
     static const moment m[] = { { WRITES, 0, look_at_handles } };
     int came;

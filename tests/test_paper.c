@@ -1,5 +1,5 @@
-/* The paper's mode compared with its sums computed on the CPU, and properties of tiles, thresholds and filter in all
-   modes. */
+/* Tests of the paper's mode, which is compared with the paper's sums on the CPU. Further tests check tiles, thresholds
+   and the filter in all modes. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -7,10 +7,10 @@
 
 static sbl_context *context;
 
-/* >>the paper's sensor */
+/* >>the sensor of the paper */
 
-/* Two axes perpendicular to n by Duff et al. 2017, Building an Orthonormal Basis, Revisited. The second is negated, so
-   that right x up = -n, as a view along n needs. */
+/* Makes two axes perpendicular to n as in Duff et al. 2017, Building an Orthonormal Basis, Revisited. The second axis
+   is negated, so that right x up = -n, as a view along n needs. */
 static void frame(v3 n, v3 *right, v3 *up) {
     if (n.z < 0) {
         double a = 1 / (1 - n.z), b = n.x * n.y * a;
@@ -23,10 +23,10 @@ static void frame(v3 n, v3 *right, v3 *up) {
     }
 }
 
-/* V'': the point (x, y, 1) projected onto the unit sphere, then into the tangent plane. */
+/* Returns V'' of the paper: the point (x, y, 1) projected onto the unit sphere, then into the tangent plane. */
 static v3 project(double x, double y) { return v3_scale(v3_of(x, y, 0), 1 / sqrt(x * x + y * y + 1)); }
 
-/* Equation 4 divided by pi, for texel (j, i) of rd x rd. */
+/* Returns the weight of equation 4, divided by pi, for texel (j, i) of rd x rd texels. */
 static double paper_weight(double fov, int rd, int j, int i) {
     double s = tan(fov / 2 * REF_PI / 180);
     double x0 = 2 * s * ((double)j / rd - 0.5), x1 = 2 * s * ((j + 1.0) / rd - 0.5);
@@ -35,9 +35,9 @@ static double paper_weight(double fov, int rd, int j, int i) {
     return v3_length(v3_cross(v3_sub(v1, v0), v3_sub(v2, v0))) / REF_PI;
 }
 
-/* Section III-E: the sum of Ck d / pi over the texels, where a ray through the texel's centre finds Ck. slack, unless
-   NULL, gets the uncertainty from texels whose centre is within 1/128 texel of an edge: GL places corners to 1/256, so
-   that the renderer may see either side. */
+/* Returns the sum of section III-E: the sum of Ck d / pi over the texels, where Ck is the radiance that a ray through
+   the centre of the texel finds. slack, unless NULL, receives the uncertainty due to texels with a centre within 1/128
+   texel of an edge: GL rounds corners to 1/256 texel, so the renderer may see either side. */
 static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights,
                       double rgb[3], double *slack) {
     static const double aside[5][2] = { { 0, 0 }, { 1, 1 }, { 1, -1 }, { -1, 1 }, { -1, -1 } };
@@ -87,7 +87,7 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                     if (r != r) off = 1e30;
                 }
                 count++;
-                /* a lamp may cover few texels, so that one texel at its rim is more than 1 % of the light */
+                /* a lamp may cover few texels; then one texel at its edge is more than 1 % of the light */
                 if (off > 0.01) {
                     paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected,
                               &slack);
@@ -112,10 +112,10 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
     ref_destroy(reference);
 }
 
-/* Rotates scene and camera together about x and y. The frame of a normal with z = 0 depends on the sign of that zero,
-   so no normal may have z = 0. */
+/* Rotates the scene and the camera together about x and y. The sensor axes of a normal with z = 0 depend on the sign of
+   this zero; therefore no normal may have z = 0. */
 static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch) {
-    double m[3][3], v[3][3];  /* columns */
+    double m[3][3], v[3][3];  /* the arrays hold columns */
     int i, j, k;
     m[0][0] = cos(yaw); m[0][1] = 0; m[0][2] = -sin(yaw);
     m[1][0] = sin(yaw) * sin(pitch); m[1][1] = cos(pitch); m[1][2] = cos(yaw) * sin(pitch);
@@ -126,12 +126,12 @@ static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch
         s->meshes[i].transform[15] = 1;
     }
     for (j = 0; j < 3; j++) for (k = 0; k < 3; k++) v[j][k] = (double)view->world_to_view[4 * j + k];
-    for (j = 0; j < 3; j++)  /* times the transposed matrix, which rotates back first */
+    for (j = 0; j < 3; j++)  /* multiplies by the transposed matrix, which rotates back first */
         for (k = 0; k < 3; k++)
             view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
 }
 
-/* R of the Cornell box in SBL_MODE_PAPER equals the sums on the CPU, for two sizes and fields of view. */
+/* R of the Cornell box in SBL_MODE_PAPER equals the sums on the CPU, for two sensor sizes and two fields of view. */
 TEST(paper_sums) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
@@ -146,7 +146,7 @@ TEST(paper_sums) {
     scene_free(&s);
 }
 
-/* Normals in all directions test both cases of the frame's definition. */
+/* Normals in all directions test both cases in the definition of the sensor axes. */
 TEST(paper_sums_on_sphere) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(16, 12, 60, 0.2f, 0.3f, 0.1f, 0.5f, -0.2f, -1), SBL_MODE_PAPER, 24);
@@ -164,7 +164,7 @@ TEST(paper_sums_on_sphere) {
     scene_free(&s);
 }
 
-/* Axes, field of view and weights of inspected sensors are those of the paper. */
+/* Inspected sensors have the axes, the field of view and the weights of the paper. */
 TEST(paper_frame_and_weights) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(9, 9, 60, 0.1f, 0.2f, 0.1f, 2, 1, -1), SBL_MODE_PAPER, 16);
@@ -199,10 +199,10 @@ TEST(paper_frame_and_weights) {
     scene_free(&s);
 }
 
-/* >>filter */
+/* >>the filter */
 
-/* The step: a top face that sees the whole sky, R = 1, and a front face that loses half of it to black ground, R = 0.5.
-   Its edge crosses the picture. */
+/* Makes a step: the top face sees the whole sky and has R = 1; black ground hides half of the sky from the front face,
+   which has R = 0.5. The edge between them crosses the picture. */
 static void step_scene(test_scene *s) {
     int black = scene_material(s, 0, 0, 0);
     scene_quad(s, black, -50, 0, -50, -50, 0, 0, 50, 0, 0, 50, 0, -50);
@@ -215,8 +215,8 @@ static sbl_picture_desc step_view(int width, int height) {
     return scene_view(width, height, 20, 0.3f, 2, 2, 0.3f, 0, 0);
 }
 
-/* Returns the largest error of R on the step. *between: number of pixels whose R is between the two values, at least
-   0.1 from both. */
+/* Returns the largest error of R on the step. between: receives the number of pixels whose R differs by at least 0.1
+   from both values. */
 static double step_error(const test_scene *s, const sbl_picture_desc *view, int *between) {
     double worst = 0;
     int i, tops = 0, fronts = 0;
@@ -239,7 +239,7 @@ static double step_error(const test_scene *s, const sbl_picture_desc *view, int 
     return worst;
 }
 
-/* The filter mixes neither ids nor normals; the paper's filter compares only ids. */
+/* The filter does not mix surfaces with different ids or normals. The paper's filter compares only ids. */
 TEST(filter_stays_on_its_surface) {
     test_scene s = { 0 };
     sbl_picture_desc view = step_view(24, 24);
@@ -260,8 +260,9 @@ TEST(filter_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* In the paper's mode the view of the top sees 0.877 of the sky; that of the front, with normal +z, sees the sky in the
-   texels that look up. Equation 4 takes the size of a texel at one of its corners, so this is not exactly half. */
+/* In the paper's mode the view of the top face sees 0.877 of the sky. The view of the front face, with normal +z, sees
+   the sky in the texels above the horizon. Equation 4 uses the size of a texel at one of its corners; therefore the
+   front face does not get exactly half of this. */
 TEST(paper_filter_stays_on_its_id) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);
@@ -296,7 +297,7 @@ TEST(paper_filter_stays_on_its_id) {
     scene_free(&s);
 }
 
-/* The filter keeps the mean of a noisy picture (except at borders) and removes most of its noise. */
+/* The filter keeps the mean of a noisy picture, except at borders, and removes most of the noise. */
 TEST(filter_smooths) {
     static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_AMBIENT };
     int mode, filtered, i;
@@ -309,7 +310,7 @@ TEST(filter_smooths) {
             sbl_picture_desc view = scene_plain(scene_view(48, 48, 30, 0, 9, 1, 0, 0, 0), modes[mode], 8);
             double sum = 0, squares = 0;
             view.filter_radius = filtered ? 4 : -1;
-            view.options.epsilon = 5;  /* with this epsilon, texels measure surfaces that emit */
+            view.options.epsilon = 5;  /* with this epsilon, texels see emissive surfaces */
             if (scene_render(context, &s, &view)) {
                 float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
                 for (i = 0; i < 48 * 48; i++) {
@@ -323,7 +324,7 @@ TEST(filter_smooths) {
         }
         CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f",
               (int)modes[mode], mean[0], mean[1]);
-        /* in the paper's mode sensors are not rotated, so all have the same error, and there is no noise */
+        /* in the paper's mode sensors are not rotated: all have the same error, and there is no noise */
         if (modes[mode] == SBL_MODE_AMBIENT) {
             CHECK(variance[0] > 1e-5 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
             CHECK(variance[1] < 0.2 * variance[0], "the variance goes from %g to %g", variance[0], variance[1]);
@@ -332,7 +333,7 @@ TEST(filter_smooths) {
     }
 }
 
-/* >>refinement */
+/* >>refinement and interpolation */
 
 static void glowing_box(test_scene *s) { scene_box(s, scene_lamp(s, 1, 1, 1), -1, -1, -1, 1, 1, 1); }
 
@@ -340,7 +341,7 @@ static sbl_picture_desc inside_view(int width, int height) {
     return scene_view(width, height, 80, 0.2f, -0.3f, 0.8f, -0.1f, 0.1f, -1);
 }
 
-/* Pictures of any size with tiles of any size: R = 1 at every pixel, interpolated or not. */
+/* All combinations of picture and tile sizes give R = 1 at every pixel, with and without interpolation. */
 TEST(odd_sizes) {
     static const int pictures[][2] = { { 1, 1 }, { 1, 7 }, { 7, 1 }, { 3, 2 }, { 2, 2 }, { 16, 16 }, { 17, 16 },
         { 33, 15 }, { 31, 47 }, { 50, 3 } };
@@ -385,7 +386,7 @@ TEST(odd_sizes) {
     scene_free(&s);
 }
 
-/* Constant light on a surface needs only the first, coarse level, and sensors at borders. */
+/* Constant light on a surface needs only sensors of the first, coarse level, and sensors at borders. */
 TEST(constant_light_needs_few_sensors) {
     static const sbl_mode modes[] = { SBL_MODE_DIRECT, SBL_MODE_PAPER };
     int m, i;
@@ -419,8 +420,8 @@ TEST(constant_light_needs_few_sensors) {
     }
 }
 
-/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has the value of its own
-   surface. This also holds with a threshold that refines nothing. */
+/* Interpolation never crosses the edge of the step, where R halves: each interpolated pixel has the value of its own
+   surface. This is also true if the threshold is so large that no tile is refined. */
 TEST(interpolation_stays_on_its_surface) {
     test_scene s = { 0 };
     int between, kind;
@@ -446,7 +447,7 @@ TEST(interpolation_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* Only pixels that show a surface have a sensor; with tile 1 all of them do. */
+/* Only pixels that show a surface get a sensor. With a tile of 1 all of these get one. */
 TEST(tile_1_senses_what_is_visible) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(40, 30, 40, 0, 1, 6, 0, 0, 0), SBL_MODE_DIRECT, 8);
@@ -474,7 +475,8 @@ TEST(tile_1_senses_what_is_visible) {
     scene_free(&s);
 }
 
-/* Each level halves the tile; a lower threshold needs more sensors and has a smaller error of interpolation. */
+/* Checks that each level halves the tile, and that a lower threshold gives more sensors and a smaller error of
+   interpolation. thresholds: in ascending order. */
 static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(64, 64);
@@ -524,26 +526,26 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     scene_free(&s);
 }
 
-/* The threshold of SBL_MODE_DIRECT, relative to the light. */
+/* In SBL_MODE_DIRECT the threshold is relative to the light: larger thresholds give fewer sensors. */
 TEST(relative_threshold) {
     static const float thresholds[] = { 0.001f, 0.1f, 100 };
     check_threshold(SBL_MODE_DIRECT, thresholds);
 }
 
-/* The threshold of SBL_MODE_PAPER, a radiance. */
+/* In SBL_MODE_PAPER the threshold is an absolute radiance: larger thresholds give fewer sensors. */
 TEST(absolute_threshold) {
     static const float thresholds[] = { 0.0001f, 0.05f, 100 };
     check_threshold(SBL_MODE_PAPER, thresholds);
 }
 
-/* The paper's threshold is a radiance: with eight times the light, eight times the threshold gives the same sensors. A
-   relative threshold needs no change. */
+/* In SBL_MODE_PAPER the threshold is a radiance: with eight times the light, eight times the threshold gives the same
+   sensors. In other modes the same threshold gives the same sensors. */
 TEST(threshold_units) {
     static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_DIRECT };
     int m, k;
     for (m = 0; m < 2; m++) {
         int64_t sensors[3] = { 0, 0, 0 };
-        for (k = 0; k < 3; k++) {  /* plain; eight times the light; eight times the light and the threshold */
+        for (k = 0; k < 3; k++) {  /* unchanged; eight times the light; eight times the light and threshold */
             test_scene s = { 0 };
             sbl_picture_desc view = scene_cornell_view(48, 48);
             int i;

@@ -1,4 +1,5 @@
-/* Windows of a picture: they show what the whole picture shows, and their light fits together. */
+/* Tests of windows of a picture: a window shows the same as the complete picture, and the light of adjacent windows has
+   no visible steps. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -6,7 +7,7 @@
 
 enum { WIDTH = 150, HEIGHT = 101, PIXELS = WIDTH * HEIGHT, WINDOWS = 7 };
 
-/* x, y, width, height: corners, one pixel, odd places, a whole row and the whole picture */
+/* x, y, width and height: corners, one pixel, odd positions, a complete row and the complete picture */
 static const int windows[WINDOWS][4] = { { 0, 0, 40, 30 }, { 109, 70, 41, 31 }, { 75, 50, 1, 1 }, { 17, 13, 61, 37 },
                                          { 0, 57, WIDTH, 2 }, { 149, 0, 1, HEIGHT }, { 0, 0, WIDTH, HEIGHT } };
 static watch seen;
@@ -25,7 +26,8 @@ static void set_window(sbl_picture_desc *view, const int window[4]) {
     memcpy(view->window, window, sizeof view->window);
 }
 
-/* Renders, and reads a channel of `pixels` pixels. Reports a failure and returns 0 if that is not possible. */
+/* Renders a picture, and reads a channel of `pixels` pixels. Returns 0 and reports a test failure if this is not
+   possible. */
 static int make(const sbl_picture_desc *view, sbl_channel channel, float *out, int pixels) {
     const size_t floats = (size_t)(pixels * sbl_channel_components(channel));
     const int made = sbl_render_picture(context, view) == SBL_SUCCESS &&
@@ -34,7 +36,8 @@ static int make(const sbl_picture_desc *view, sbl_channel channel, float *out, i
     return made;
 }
 
-/* Counts the pixels of a window whose floats differ from those of the whole picture by more than `most`. */
+/* Returns the number of pixels of a window whose floats differ from those of the complete picture by more than
+   `most`. */
 static int differing(const int w[4], int components, double most) {
     int x, y, c, count = 0;
     for (y = 0; y < w[3]; y++)
@@ -50,7 +53,7 @@ static int differing(const int w[4], int components, double most) {
     return count;
 }
 
-/* A window with the size of the picture changes no bit. */
+/* A window with the size of the picture has the same bits as the picture. */
 TEST(the_whole_is_a_window) {
     static const sbl_channel channels[3] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION };
     int i;
@@ -63,8 +66,8 @@ TEST(the_whole_is_a_window) {
     }
 }
 
-/* Channels of surfaces agree with those of the whole picture: for a perspective, for one whose centre is shifted, and
-   for an orthographic projection. */
+/* Channels of surfaces are the same in a window and in the complete picture: for a perspective projection, for one with
+   a shifted centre, and for an orthographic projection. */
 TEST(windows_show_the_same_surfaces) {
     static const struct { sbl_channel channel; double most; } cases[5] = {
         { SBL_CHANNEL_POSITION, 0.05 }, { SBL_CHANNEL_NORMAL, 1e-4 }, { SBL_CHANNEL_ALBEDO, 1e-3 },
@@ -98,7 +101,7 @@ TEST(windows_show_the_same_surfaces) {
         }
 }
 
-/* A sensor of a window looks as it does in the whole picture, so that both have the same noise. */
+/* A sensor has the same ray directions in a window and in the complete picture; therefore both have the same noise. */
 TEST(sensors_look_the_same_way) {
     int k;
     sbl_picture_desc view = scene_plain(cornell_view(SBL_MODE_DIRECT), SBL_MODE_AMBIENT, 0);
@@ -115,11 +118,11 @@ TEST(sensors_look_the_same_way) {
     }
 }
 
-/* Sensors of the first level stand at the same pixels. */
+/* Sensors of the first level are at the same pixels in a window and in the complete picture. */
 TEST(first_sensors_stand_at_the_same_pixels) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
     int k;
-    view.threshold = 1e6f;  /* no difference refines */
+    view.threshold = 1e6f;  /* no difference is large enough to refine */
     if (!make(&view, SBL_CHANNEL_SENSORS, whole, PIXELS)) return;
     for (k = 0; k < WINDOWS; k++) {
         const int *w = windows[k];
@@ -137,8 +140,8 @@ TEST(first_sensors_stand_at_the_same_pixels) {
     }
 }
 
-/* Mean absolute difference of R between neighbours across the borders of a grid of windows, in pictures of
-   SIDE x SIDE. */
+/* border_step returns the mean absolute difference of R between pixels on both sides of the borders of a grid of
+   windows, in pictures of SIDE x SIDE. */
 enum { SIDE = 128, ACROSS = 4, PART = SIDE / ACROSS };
 static double border_step(const float *rgb) {
     double sum = 0;
@@ -151,8 +154,8 @@ static double border_step(const float *rgb) {
     return sum / (2 * SIDE * (ACROSS - 1));
 }
 
-/* Sixteen windows with the mean of a small picture make the whole picture: with the error asked, and with no larger
-   steps across their borders than the whole picture has there. */
+/* Sixteen windows that use the mean radiance of a preview form the complete picture. Its error is the requested one,
+   and the steps across window borders are no larger than in the complete picture at the same places. */
 static void assembled(sbl_mode mode, double target, double most) {
     static float picture[3 * SIDE * SIDE], window[3 * PART * PART], one[3 * SIDE * SIDE];
     static float ids[SIDE * SIDE], part_ids[SIDE * SIDE];
@@ -202,7 +205,7 @@ static void assembled(sbl_mode mode, double target, double most) {
 TEST(windows_make_the_picture) { assembled(SBL_MODE_DIRECT, 0.02, 1.05); }
 TEST(windows_make_the_picture_with_bounces) { assembled(SBL_MODE_GI, 0.03, 1.1); }
 
-/* target_error is a share of mean_radiance, which sbl_stats reports. Without it, the mean is measured. */
+/* target_error is relative to mean_radiance, which sbl_stats reports. If mean_radiance is not given, it is measured. */
 TEST(errors_are_shares_of_the_given_mean) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
     double mean[3] = { 0, 0, 0 };
@@ -234,8 +237,8 @@ TEST(errors_are_shares_of_the_given_mean) {
           "expected errors %.4f and %.4f", (double)given.picture.expected_error, (double)own.picture.expected_error);
 }
 
-/* Nothing is refined for a margin: small windows with wide margins have few sensors. On each side of one of them, the
-   margin shows edges of the boxes. */
+/* The margin of a window is not refined: small windows with wide margins have few sensors. The margins on all sides of
+   one of these windows show edges of the boxes. */
 TEST(margins_are_not_refined) {
     static const int places[4][4] = { { 108, 44, 12, 12 }, { 36, 44, 12, 12 }, { 70, 76, 12, 12 }, { 70, 26, 12, 12 } };
     int i;
@@ -252,7 +255,7 @@ TEST(margins_are_not_refined) {
     }
 }
 
-/* A window has the same bits if it is made again after another window and in small slices, or in a new context. */
+/* A window has the same bits if it is made again after another window, in short time slices, or in a new context. */
 TEST(windows_do_not_depend_on_each_other) {
     const int *w = windows[3];
     const int pixels = w[2] * w[3];
@@ -282,7 +285,7 @@ TEST(windows_do_not_depend_on_each_other) {
     sbl_destroy(fresh);
 }
 
-/* The sensor of a window's pixel is the one of that pixel in the whole picture. */
+/* The sensor of a pixel that is inspected in a window equals the one in the complete picture. */
 TEST(sensors_of_windows_are_inspected) {
     sbl_picture_desc view = scene_plain(cornell_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
     static sbl_sensor sensor, expected;
@@ -301,11 +304,12 @@ TEST(sensors_of_windows_are_inspected) {
           "a pixel outside of the window is inspected");
 }
 
-/* What a screen shows: the backdrop fades over the whole picture, and the given exposure is used. */
+/* In a window of the channel display, the backdrop is the part of that of the complete picture, and the given exposure
+   is used. */
 TEST(backdrops_of_windows_fit) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
     int k;
-    sbl_look_at(view.world_to_view, 278, 273, -3000, 278, 273, 0, 0, 1, 0);  /* around the box is nothing */
+    sbl_look_at(view.world_to_view, 278, 273, -3000, 278, 273, 0, 0, 1, 0);  /* nothing is around the box */
     for (k = 0; k < 3; k++) view.backdrop[k] = 0.5f;
     view.tone = SBL_TONE_NEUTRAL;
     view.target_error = 0.2f;
@@ -319,7 +323,7 @@ TEST(backdrops_of_windows_fit) {
     }
 }
 
-/* The exposure that a window measures is that of its own pixels, which show a wall, and not of the lamp above them. */
+/* A window measures the exposure from its own pixels, which show a wall. The lamp outside the window does not count. */
 TEST(windows_measure_their_own_exposure) {
     static const int below[4] = { 64, 33, 24, 8 };
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
@@ -356,8 +360,8 @@ TEST(wrong_windows_are_refused) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
 }
 
-/* Makes the four quarters of the picture. looks: receives the number of all their looks. Returns the root mean square
-   of their predicted errors. */
+/* Makes the four quarters of the picture. looks: receives the total number of their looks. Returns the RMS of their
+   predicted errors. */
 static double make_quarters(sbl_picture_desc view, double *looks) {
     double sum = 0, pixels = 0;
     int i, k;
@@ -375,8 +379,9 @@ static double make_quarters(sbl_picture_desc view, double *looks) {
     return sqrt(sum / pixels);
 }
 
-/* Windows with the price of the whole picture take about as many looks as the whole, and have its error. A lower price
-   buys more, a higher price less, whatever the target error. Windows without a price have each the error asked. */
+/* Windows with the price of the complete picture take about as many looks in total as the complete picture, and have
+   its error. A lower price takes more looks and a higher price fewer, whatever the target error is. Windows without a
+   price reach the target error each. */
 TEST(windows_share_a_price) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
     double all = 0, looks[4], error[4];

@@ -1,15 +1,15 @@
-/* Pictures must not change unintentionally: a hash of every channel of small pictures in all modes and back ends is
-   pinned for each renderer. On an unknown renderer the test is skipped and prints the lines to add to `pins`. A commit
-   that changes pictures intentionally updates the hashes and states in its message by how much they changed;
-   scripts/compare_commits measures that. */
+/* Tests that pictures do not change unintentionally. A hash of every channel of small pictures in all modes and back
+   ends is stored for each renderer. On an unknown renderer the test is skipped, and prints the lines to add to `pins`.
+   A commit that changes pictures intentionally updates the hashes, and its message says how much the pictures changed;
+   scripts/compare_commits measures this. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 
 static sbl_context *context;
 
-/* A scene with textures of both kinds, a cut-out, vertex colours, one-sided emission, hidden surfaces, a mirrored mesh
-   and smooth normals; optionally with all kinds of lights and a sky picture. */
+/* Makes a scene with textures of albedo and emission, a cut-out, vertex colours, one-sided emission, hidden surfaces, a
+   mirrored mesh and smooth normals; optionally with all kinds of lights and a sky picture. */
 static void scene_everything(test_scene *s, int lights, int sky) {
     static const unsigned char checks[] = { 255, 255, 255, 255, 200, 30, 20, 255, 20, 60, 190, 0, 240, 240, 80, 255 };
     static const float glow[] = { 3, 2, 1, 1, 0.5f, 1, 2, 1 };
@@ -63,7 +63,7 @@ static void scene_everything(test_scene *s, int lights, int sky) {
     scene_sky(s, 0.02f, 0.03f, 0.04f);
 }
 
-/* More lamps than are sampled one by one, so that clusters are used. */
+/* Makes a scene with so many lamps that they are sampled in clusters. */
 static void scene_many_lamps(test_scene *s) {
     int white = scene_material(s, 0.8f, 0.8f, 0.8f), lamp = scene_lamp(s, 4, 3, 2);
     scene_floor(s, white, 0, 3);
@@ -73,7 +73,7 @@ static void scene_many_lamps(test_scene *s) {
 
 typedef struct pin_case {
     const char *name;
-    int scene;  /* 0 the Cornell box, 1 everything, 2 with lights, 3 with lights and sky, 4 many lamps */
+    int scene;  /* 0: Cornell box; 1: scene_everything; 2: with lights; 3: with lights and sky; 4: many lamps */
     sbl_picture_desc view;
 } pin_case;
 
@@ -117,13 +117,13 @@ static void pin_cases(pin_case cases[PINS]) {
         cases[i].scene = list[i].scene;
         cases[i].view = view_of(list[i].scene, list[i].mode, list[i].backend, list[i].preset);
     }
-    cases[8].view.view_to_clip[0] = 0.4f;  /* one picture with an orthographic camera */
+    cases[8].view.view_to_clip[0] = 0.4f;  /* this case has an orthographic camera */
     cases[8].view.view_to_clip[5] = 0.5f;
     cases[8].view.view_to_clip[11] = 0;
     cases[8].view.view_to_clip[15] = 1;
 }
 
-/* FNV-1a, 64 bits, over the floats of all channels. */
+/* Returns the 64-bit FNV-1a hash of the floats of all channels. */
 static uint64_t hash_of(const sbl_picture_desc *view) {
     uint64_t hash = 14695981039346656037u;
     int channel;
@@ -161,7 +161,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0x3ce7630b722c2e26u,  /* sky_gi_traced */ } }
 };
 
-/* The hashes of all pictures are those pinned for this renderer. */
+/* The hashes of all pictures equal those stored for this renderer. */
 TEST(pictures_are_the_same_as_ever) {
     const sbl_capabilities c = sbl_query_capabilities(context);
     pin_case cases[PINS];
@@ -176,8 +176,7 @@ TEST(pictures_are_the_same_as_ever) {
         else if (cases[i].scene == 4) scene_many_lamps(&s);
         else scene_everything(&s, cases[i].scene > 1, cases[i].scene > 2);
         hashes[i] = scene_render(context, &s, &cases[i].view) ? hash_of(&cases[i].view) : 0;
-        /* the decisions of refinement depend on rounding; GL 3.3 without clip control has another hash for this
-           picture */
+        /* refinement depends on rounding: GL 3.3 without clip control has another hash for this picture */
         if (c.gl_major == 3 && strcmp(cases[i].name, "cornell_gi_rasterised") == 0 && hashes[i] ==
             0x66e2c7912d349c6du) {
             scene_free(&s);

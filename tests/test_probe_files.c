@@ -1,5 +1,5 @@
-/* Tests of what an engine makes of the files of sbl_bake --probes, from what the files tell: their numbers as they are
-   read here, and examples/engines/probes.glsl, which GL compiles and runs. */
+/* Tests of what an engine gets from the files of sbl_bake --probes if it follows the formulas in these files: from a
+   reader in this file, and from examples/engines/probes.glsl, which GL compiles and runs. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -11,13 +11,13 @@
 #define BAKE(...) (tool_use("sbl_bake"), run((const char *const[]){ __VA_ARGS__, NULL }))
 enum { PROBES = 64 };
 
-/* A file of probes. */
+/* The contents of a file of probes. */
 typedef struct grid {
     int count[3], probes, valid[PROBES];
     double origin[3], spacing[3], constants[9], weights[9], over_pi[9], position[PROBES][3], sh[PROBES][9][3];
 } grid;
 
-/* Reads the numbers after `name`, from `text` on. Returns the place behind them, or NULL. */
+/* Reads the numbers after `name`, starting the search at `text`. Returns the position after them, or NULL. */
 static const char *numbers(const char *text, const char *name, double *out, int count) {
     const char *at = text ? strstr(text, name) : NULL;
     char *end;
@@ -53,14 +53,14 @@ static int read_grid(const char *name, grid *g) {
     return ok && g->probes <= PROBES;
 }
 
-/* The functions that the file names. */
+/* Evaluates the basis functions that the file describes. */
 static void functions(const double n[3], double out[9]) {
     const double x = n[0], y = n[1], z = n[2];
     const double all[9] = { 1, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y };
     memcpy(out, all, sizeof all);
 }
 
-/* Irradiance at a probe by the numbers of the file. over_pi: 1: divided by pi */
+/* Returns the irradiance at a probe, computed with the formula of the file. over_pi: 1: the result is divided by pi */
 static double irradiance(const grid *g, int probe, const double n[3], int channel, int over_pi) {
     double y[9], sum = 0;
     int i;
@@ -70,7 +70,7 @@ static double irradiance(const grid *g, int probe, const double n[3], int channe
     return sum;
 }
 
-/* Interpolates irradiance / pi at a position among the valid probes. */
+/* Interpolates irradiance / pi between the valid probes around a position. */
 static double interpolate(const grid *g, const double position[3], const double n[3], int channel) {
     double at[3], sum = 0, all = 0;
     int i, k, probe;
@@ -78,7 +78,7 @@ static double interpolate(const grid *g, const double position[3], const double 
         at[k] = (position[k] - g->origin[k]) / g->spacing[k];
         at[k] = at[k] < 0 ? 0 : at[k] > g->count[k] - 1 ? g->count[k] - 1 : at[k];
     }
-    for (probe = 0; probe < g->probes; probe++) {  /* probes farther than a cell weigh nothing */
+    for (probe = 0; probe < g->probes; probe++) {  /* probes beyond the cell have a weight of 0 */
         double weight = g->valid[probe];
         for (k = 0, i = probe; k < 3; i /= g->count[k++]) weight *= test_max(0, 1 - fabs(at[k] - i % g->count[k]));
         if (weight <= 0) continue;
@@ -88,7 +88,7 @@ static double interpolate(const grid *g, const double position[3], const double 
     return all > 0 ? test_max(0, sum / all) : 0;
 }
 
-/* Writes two tiny triangles at (0, 0, 0) and (2, 1, 3), and a sun of irradiance pi that shines along -z. */
+/* Writes two tiny triangles at (0, 0, 0) and (2, 1, 3), and a sun with irradiance pi that shines along -z. */
 static void sun_gltf(void) {
     static const char text[] = "{\"asset\": {\"version\": \"2.0\"}, \"extensionsUsed\": [\"KHR_lights_punctual\"],\n"
         "\"extensions\": {\"KHR_lights_punctual\": {\"lights\": [{\"type\": \"directional\", \"intensity\": "
@@ -115,9 +115,9 @@ static void random_normal(int i, double n[3]) {
     for (k = 0; k < 3; k++) n[k] /= sqrt(length);
 }
 
-/* The numbers of the file give the irradiance of a sun of irradiance pi, as harmonics of the degrees 0 to 2 show it:
-   pi (1/4 + c/2 + 5/32 (3 c^2 - 1)), where c is the cosine between the normal and the direction to the sun. Origin and
-   spacing are where the probes are. */
+/* The numbers of the file give the irradiance of a sun with irradiance pi in harmonics of degrees 0 to 2: pi (1/4 + c/2
+   + 5/32 (3 c^2 - 1)), where c is the cosine of the angle between the normal and the direction to the sun. The origin
+   and the spacing in the file give the positions of the probes. */
 TEST(the_file_tells_irradiance) {
     static grid g;
     double n[3];
@@ -151,7 +151,7 @@ static char *read_shader(void) {
     return text;
 }
 
-/* Runs the shader for positions in and around the grid. */
+/* Runs the shader for positions in and around the grid. Returns 0 on failure. */
 static int shade(const grid *g, const float *questions, int count, float *answers) {
     static float texels[4 * 9 * PROBES];
     const float origin[3] = { (float)g->origin[0], (float)g->origin[1], (float)g->origin[2] };
@@ -161,7 +161,7 @@ static int shade(const grid *g, const float *questions, int count, float *answer
     GLuint program, texture;
     int i, k, c, ok;
     for (i = 0; i < g->probes; i++)
-        for (k = 0; k < 9; k++) {  /* as probes.glsl says */
+        for (k = 0; k < 9; k++) {  /* the formula in probes.glsl */
             const int x = i % g->count[0], y = i / g->count[0] % g->count[1], z = i / g->count[0] / g->count[1];
             float *texel = texels + 4 * ((y + g->count[1] * z) * width + 9 * x + k);
             for (c = 0; c < 3; c++) texel[c] = (float)g->sh[i][k][c];
@@ -184,8 +184,8 @@ static int shade(const grid *g, const float *questions, int count, float *answer
     return ok;
 }
 
-/* The shader does what the file says, also beyond the grid and beside probes that are not valid, whose light it never
-   uses. Where no probe is valid, it gives 0. */
+/* The shader gives the values that the formulas of the file give, also outside of the grid and beside invalid probes,
+   whose light it never uses. If all probes around a position are invalid, the shader returns 0. */
 TEST(the_shader_reads_probes) {
     enum { COUNT = 256 };
     static grid g;

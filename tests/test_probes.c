@@ -1,6 +1,6 @@
-/* Tests of probes. They compare the light at points in the air with closed forms, and with sums over directions,
-   areas of lamps and sides of boxes that are computed here. They also test how probes are placed, moved and baked in
-   slices. */
+/* Tests of probes. They compare the light at points in the air with closed forms, and with sums over directions, areas
+   of lamps and faces of boxes that are computed here. Further tests check how probes are placed, moved and baked in
+   time slices. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -37,11 +37,11 @@ static sbl_probe probe_at(float x, float y, float z, sbl_mode mode) {
     return probe;
 }
 
-/* >>references: the expected light, as sums over directions */
+/* >>references: sums over directions give the expected light */
 
 typedef struct field { double sh[9], cube[6]; } field;
 
-/* The nine spherical harmonics as textbooks define them. */
+/* Computes the nine real spherical harmonics of degrees 0 to 2, as textbooks define them. */
 static void basis(double x, double y, double z, double out[9]) {
     out[0] = sqrt(1 / (4 * pi));
     out[1] = sqrt(3 / (4 * pi)) * y;
@@ -54,7 +54,7 @@ static void basis(double x, double y, double z, double out[9]) {
     out[8] = sqrt(15 / (16 * pi)) * (x + y) * (x - y);
 }
 
-/* Adds light (radiance times solid angle) from a direction to the field. */
+/* Adds light from a direction to the field. light: radiance times solid angle */
 static void shine(field *f, double light, double x, double y, double z) {
     const double way[3] = { x, y, z };
     double y9[9];
@@ -68,7 +68,7 @@ static double norm_of(const field *f) {
     return sqrt(f->sh[0] * f->sh[0] + f->sh[1] * f->sh[1] + f->sh[2] * f->sh[2] + f->sh[3] * f->sh[3]);
 }
 
-/* Returns the largest error of a channel's coefficients, relative to the norm of the first four. */
+/* Returns the largest error of the coefficients of a channel, relative to the norm of the first four coefficients. */
 static double off(const sbl_probe *p, int channel, const field *f) {
     double worst = 0;
     int i;
@@ -76,7 +76,7 @@ static double off(const sbl_probe *p, int channel, const field *f) {
     return worst;
 }
 
-/* Returns the largest error of the cube's sides, relative to the brightest. */
+/* Returns the largest error of the six cube faces, relative to the brightest face. */
 static double cube_off(const sbl_probe *p, int channel, const field *f) {
     double worst = 0, most = 0;
     int i;
@@ -85,7 +85,7 @@ static double cube_off(const sbl_probe *p, int channel, const field *f) {
     return worst;
 }
 
-/* Integrates a function of the direction, at the centres of 400 x 800 cells. */
+/* Integrates a function of the direction over the sphere, at the centres of 400 x 800 cells. */
 static void around(field *f, double (*radiance)(const double d[3])) {
     int i, j;
     memset(f, 0, sizeof *f);
@@ -97,8 +97,8 @@ static void around(field *f, double (*radiance)(const double d[3])) {
         }
 }
 
-/* Integrates a lamp with corner a and edges u, v that emits to both sides, as seen from the origin, at the centres of
-   500 x 500 parts. Only parts with x < keep count. */
+/* Integrates a lamp that emits to both sides, as seen from the origin, at the centres of 500 x 500 cells. a: a corner;
+   u, v: its edges. Only cells with x < keep count. */
 static void rectangle(field *f, const double a[3], const double u[3], const double v[3], double radiance, double keep) {
     const double n[3] = { u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0] };
     int i, j, k;
@@ -116,9 +116,9 @@ static void rectangle(field *f, const double a[3], const double u[3], const doub
         }
 }
 
-/* >>light */
+/* >>light of probes */
 
-/* Under a constant sky, coefficients and cube have their closed forms, for both back ends. */
+/* Under a constant sky, harmonics and cube have their closed forms with both back ends. */
 TEST(a_uniform_sky) {
     static test_scene s;
     int backend, i, k;
@@ -185,7 +185,8 @@ TEST(skies_with_pictures) {
     scene_free(&s);
 }
 
-/* A rectangular lamp, unoccluded and partly hidden by a wall, agrees with an integral over its area. */
+/* The light of a rectangular lamp agrees with an integral over its area, both unoccluded and partly hidden by a
+   wall. */
 TEST(a_rectangular_lamp) {
     static const double a[3] = { -0.4, 1.1, 0.3 }, u[3] = { 1.2, 0.2, 0 }, v[3] = { -0.1, 0.3, 0.8 };
     int backend, hidden;
@@ -204,8 +205,8 @@ TEST(a_rectangular_lamp) {
                 for (k = 0; k < 3; k++)
                     c[3 * i + k] = (float)((double)at[k] + a[k] + (i == 1 || i == 2) * u[k] + (i > 1) * v[k]);
             scene_quad_uv(&s, scene_lamp(&s, 1, 5, 25), c, 1, 1);
-            /* A wall close to the lamp that ends above the probe and hides the part beyond x = 0. Many rays are needed
-               for its edge. */
+            /* The wall is close to the lamp, ends above the probe, and hides the part of the lamp with x > 0. The edge
+               of the wall needs many rays. */
             if (hidden)
                 scene_quad(&s, scene_material(&s, 0, 0, 0), 7, 8.01f, 8, 7, 8.01f, 10.5f, 9, 8.01f, 10.5f, 9, 8.01f, 8);
             REQUIRE(use_scene(&s), "no scene");
@@ -226,8 +227,8 @@ TEST(a_rectangular_lamp) {
         }
 }
 
-/* Point, sphere, sun and spot in random directions. The harmonics of a cone of light are those of its axis, times 2 pi
-   times the integral of the Legendre polynomial over the cone. */
+/* Tests a point light, a sphere, a sun and a spot in random directions. The harmonics of a cone of light are those of
+   its axis, multiplied by 2 pi and the integral of the Legendre polynomial over the cone. */
 TEST(points_spheres_and_suns) {
     static const sbl_light_kind kinds[4] = { SBL_LIGHT_POINT, SBL_LIGHT_POINT, SBL_LIGHT_DIRECTIONAL, SBL_LIGHT_SPOT };
     static const char *const names[4] = { "point", "sphere", "sun", "spot" };
@@ -269,7 +270,7 @@ TEST(points_spheres_and_suns) {
     }
 }
 
-/* In a closed box that emits and reflects evenly, the light from everywhere is emission / (1 - albedo). */
+/* In a closed box with uniform emission and albedo, the radiance in all directions is emission / (1 - albedo). */
 TEST(a_furnace) {
     int backend;
     for (backend = SBL_BACKEND_RASTER; backend <= SBL_BACKEND_TRACE; backend++) {
@@ -303,8 +304,8 @@ TEST(a_furnace) {
 
 static double half_below(const double d[3]) { return d[1] < 0 ? 0.5 : 0; }
 
-/* A large floor under a vertical sun reflects a radiance of 0.5 in all directions, except in SBL_MODE_DIRECT, where
-   only lamps give light. */
+/* A large floor under a vertical sun reflects a radiance of 0.5 in all directions. In SBL_MODE_DIRECT only lamps give
+   light to a probe, and the floor gives none. */
 TEST(what_a_floor_reflects) {
     static test_scene s;
     static const sbl_mode modes[3] = { SBL_MODE_GI, SBL_MODE_DIRECT, SBL_MODE_AMBIENT };
@@ -335,10 +336,10 @@ TEST(what_a_floor_reflects) {
     scene_free(&s);
 }
 
-/* >>distances and visibility */
+/* >>distances and sky visibility */
 
-/* Returns the distance from a point in a box to the side that direction d meets. *side: the number of that side, as in
-   sbl_probe.cube. */
+/* Returns the distance from a point in a box to the face that direction d meets. side: receives the index of the face,
+   as in sbl_probe.cube. */
 static double box_distance(const double at[3], const double low[3], const double high[3], const double d[3],
                            int *side) {
     double least = HUGE_VAL;
@@ -350,8 +351,8 @@ static double box_distance(const double at[3], const double low[3], const double
     return least;
 }
 
-/* Distances and share of sky in a box of three different edge lengths, closed and without its upper side, agree with
-   sums over directions. */
+/* Distances and sky visibility in a box with three different edge lengths agree with sums over directions, both closed
+   and without its upper face. */
 TEST(distances_in_a_box) {
     static const double low[3] = { -1, -2, -0.5 }, high[3] = { 3, 1, 2 }, at[3] = { 0.3, 0.2, 0.4 };
     int open, i, j, o;
@@ -364,7 +365,7 @@ TEST(distances_in_a_box) {
         memset(square, 0, sizeof square);
         memset(weight, 0, sizeof weight);
         scene_box(&s, scene_material(&s, 0, 0, 0), -1, -2, -0.5f, 3, 1, 2);
-        if (open) s.meshes[3] = s.meshes[2];  /* removes the side y = 1 */
+        if (open) s.meshes[3] = s.meshes[2];  /* removes the face y = 1 */
         REQUIRE(use_scene(&s), "no scene");
         p = probe_at((float)at[0], (float)at[1], (float)at[2], SBL_MODE_DIRECT);
         for (i = 0; i < 400; i++)
@@ -394,7 +395,7 @@ TEST(distances_in_a_box) {
     }
 }
 
-/* At the centre of a sphere, all distances are its radius. */
+/* At the centre of a sphere, all distances equal the radius. */
 TEST(distances_in_a_sphere) {
     static test_scene s;
     sbl_probe p;
@@ -410,9 +411,9 @@ TEST(distances_in_a_sphere) {
     scene_free(&s);
 }
 
-/* >>inside and outside of geometry */
+/* >>probes inside of geometry */
 
-/* Inside of a closed or open cube a probe is invalid; outside, and in front of a single square, it is valid. */
+/* A probe inside a closed or open cube is invalid. A probe outside, or in front of a single square, is valid. */
 TEST(inside_and_outside) {
     static const float heights[2] = { 0.6f, 0.7f };
     static test_scene s;
@@ -427,7 +428,7 @@ TEST(inside_and_outside) {
     CHECK(p.valid && p.back_share == 0 && p.sky > 0.5f, "in front of a cube: valid %d, back %g", p.valid,
           (double)p.back_share);
     scene_free(&s);
-    /* a cube with five sides: a sixth of the sphere around its centre is sky */
+    /* a cube with five faces: from its centre, a sixth of the sphere is sky */
     memset(&s, 0, sizeof s);
     scene_box(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 1, 1, 1);
     s.meshes[3] = s.meshes[2];
@@ -436,8 +437,8 @@ TEST(inside_and_outside) {
     CHECK(!p.valid && p.back_share == 1 && fabs((double)p.sky - 1 / 6.0) < 2e-3, "in an open cube: valid %d, sky %g",
           p.valid, (double)p.sky);
     scene_free(&s);
-    /* A square of one layer, seen from the front and from behind. It covers asin(1 / (1 + h^2)) / pi of the sphere,
-       which is a quarter at h = 0.6436. Behind it, probes are valid if it covers less. */
+    /* This is a one-sided square, seen from the front and from behind. It covers asin(1 / (1 + h^2)) / pi of the
+       sphere, which is a quarter at h = 0.6436. A probe behind it is valid if it covers less than a quarter. */
     memset(&s, 0, sizeof s);
     m = scene_material(&s, 0.5f, 0.5f, 0.5f);
     scene_floor(&s, m, 0, 1);
@@ -463,7 +464,7 @@ static double apart(const float a[3], const float b[3]) {
     return sqrt(x * x + y * y + z * z);
 }
 
-/* Probes inside of a cube move out of it, by at most `move`, and not into the cube beside it. Their light must equal
+/* Probes inside a cube are moved out of it, by at most `move`, and not into the adjacent cube. Their light must equal
    that of probes placed at their new positions. */
 TEST(moving_out) {
     static const float at[9] = { 0.8f, 0.5f, 0.55f, 3, 3, 3, 0.5f, 0.5f, 0.7f };
@@ -519,9 +520,10 @@ TEST(moving_out) {
     }
 }
 
-/* >>the descriptor */
+/* >>checks of the descriptor */
 
-/* A grid's probes are in order, x fastest, and have the same light as a list of the same positions. */
+/* The probes of a grid are in order, with x varying fastest, and have the same light as a list of the same
+   positions. */
 TEST(grids_in_order) {
     static test_scene s;
     static const float low[3] = { -1, 0, 2 }, high[3] = { 5, 1, 10 };
@@ -575,7 +577,7 @@ static void refused(sbl_probes_desc desc, const char *word) {
     watch_forget(&seen);
 }
 
-/* Every field of sbl_probes_desc is checked; the message names field and value. */
+/* Invalid values of every field of sbl_probes_desc are refused. The message names the field and the value. */
 TEST(every_field_is_checked) {
     static test_scene s;
     float at[60] = { 0 };
@@ -652,9 +654,10 @@ TEST(every_field_is_checked) {
     CHECK(d.probe_count == 5, "probe_count %d", d.probe_count);
 }
 
-/* >>parts */
+/* >>parts of grids and lists */
 
-/* Bakes the whole of desc.grid or desc.positions, then parts of these sizes, and compares them to the bit. */
+/* Bakes all probes of desc.grid or desc.positions, then parts of these sizes, and checks that both have the same
+   bits. */
 static void bake_parts(sbl_probes_desc desc, sbl_probe *whole, int count, const int *sizes) {
     sbl_probe *parts = (sbl_probe *)malloc((size_t)count * sizeof *parts);
     const float *positions = desc.positions;
@@ -666,7 +669,7 @@ static void bake_parts(sbl_probes_desc desc, sbl_probe *whole, int count, const 
     memset(parts, 0xff, (size_t)count * sizeof *parts);
     for (i = 0; first < count; first += sizes[i++]) {
         desc.first_probe = first;
-        desc.probe_count = positions || sizes[i] < count - first ? sizes[i] : 0;  /* 0: the rest of the grid */
+        desc.probe_count = positions || sizes[i] < count - first ? sizes[i] : 0;  /* 0: all remaining probes */
         desc.probes = parts + first;
         if (positions) desc.positions = positions + 3 * first;
         failed += sbl_bake_probes(context, &desc) != SBL_SUCCESS;
@@ -677,7 +680,7 @@ static void bake_parts(sbl_probes_desc desc, sbl_probe *whole, int count, const 
     free(parts);
 }
 
-/* Parts of a grid and of a list have the bits of the whole, also where probes are moved. */
+/* Parts of a grid and of a list have the same bits as the complete bake, also if probes are moved. */
 TEST(parts_are_the_whole) {
     enum { WHOLE = 6 * 5 * 5 };
     static const int grid[3] = { 6, 5, 5 }, sizes[5] = { 1, 130, 4, 14, 1 };
@@ -708,11 +711,11 @@ TEST(parts_are_the_whole) {
     scene_free(&s);
 }
 
-/* >>slices and cancelling */
+/* >>time slices and cancelling */
 
 enum { MANY = 300 };
 
-/* Positions all over the Cornell box and around it, some of them inside of its blocks. */
+/* Chooses positions in and around the Cornell box, some of them inside its blocks. */
 static void many_places(float *at) {
     int i;
     for (i = 0; i < MANY; i++) {
@@ -724,8 +727,8 @@ static void many_places(float *at) {
 
 static int stops_at(float done, void *user) { return done >= *(float *)user; }
 
-/* Baking in slices, with other batch sizes, next to a picture and after abandoned bakes gives the same probes, to the
-   bit. */
+/* A bake in time slices, with other batch sizes, while a picture is made, and after abandoned bakes gives the same
+   probes, to the bit. */
 TEST(slices_cancel_and_end) {
     static float at[3 * MANY];
     static sbl_probe whole[MANY], now[MANY];
@@ -776,7 +779,7 @@ TEST(slices_cancel_and_end) {
               slices[i], steps,
               (double)before);
     }
-    desc.probe_count = 200;  /* the first probes do not depend on the number of probes */
+    desc.probe_count = 200;  /* the first probes do not depend on the total number */
     memset(now, 0, sizeof now);
     bake(&desc);
     CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0,
@@ -818,7 +821,7 @@ TEST(slices_cancel_and_end) {
     scene_free(&s);
 }
 
-/* Memory in use is that of a batch, however many probes are baked; and all of 4,000 probes are right. */
+/* The memory in use is that of one batch, however many probes are baked. All 4,000 probes have the expected light. */
 TEST(many_probes) {
     enum { FEW = 256, HEAPS = 4000 };
     static test_scene s;
@@ -850,8 +853,8 @@ TEST(many_probes) {
 
 static sbl_result probes_call(const void *desc) { return sbl_bake_probes(context, (const sbl_probes_desc *)desc); }
 
-/* Fails each allocation once, in turn. The bake must fail with a message and leak nothing, and the next one must be
-   right. */
+/* Each allocation fails once, in turn. The bake must fail with a message and without a leak, and the next bake must
+   succeed. */
 TEST(memory_runs_out) {
     enum { COUNT = 20 };
     static float at[3 * MANY];
@@ -875,7 +878,7 @@ TEST(memory_runs_out) {
     scene_free(&s);
 }
 
-/* Both back ends find the same light in the Cornell box, within 5 %. */
+/* Both back ends give the same light in the Cornell box, within 5 %. */
 TEST(views_and_rays_agree) {
     static const float at[9] = { 278, 274, 280, 100, 400, 200, 450, 80, 80 };
     static test_scene s;
@@ -903,7 +906,8 @@ TEST(views_and_rays_agree) {
     scene_free(&s);
 }
 
-/* A probe whose light overflows is invalid and holds no infinities or NaN. Farther from the light it is valid. */
+/* A probe whose light overflows is invalid and holds neither infinities nor NaN. Farther from the light, a probe is
+   valid. */
 TEST(light_that_overflows) {
     static test_scene s;
     static const float bare[27];
@@ -930,7 +934,7 @@ static int calls_back(float done, void *user) {
     return 0;
 }
 
-/* Calls inside of the progress callback are refused, and the bake succeeds. */
+/* Calls from the progress callback are refused, and the bake succeeds. */
 TEST(callbacks_may_not_begin) {
     static test_scene s;
     static const float at[3] = { 0, 1, 0 };
@@ -949,8 +953,8 @@ TEST(callbacks_may_not_begin) {
 
 static void nothing(const sbl_draw_view *view, void *user) { *(int *)user += view->kind == SBL_VIEW_SENSOR; }
 
-/* If the host draws, probes use rasterised views: 132 normals and four looks at each side of the cube, with five views
-   each. The result must equal that without a draw callback. */
+/* If the host draws, probes use rasterised views: 132 normals, and four looks at each cube face with five views each.
+   The result must equal the one without a draw callback. */
 TEST(a_host_that_draws) {
     static const float at[3] = { 0, 1, 0 };
     static test_scene s;

@@ -1,10 +1,10 @@
-/* Tests of the process that reads scenes (examples/scene_file.h): what it may access, its limits of time and memory,
-   and that it has ended afterwards. The readers are functions of this program, each of which does one thing wrong.
-   Tests of the materials that it returns, and of examples/gltf_file.h, which writes them. */
+/* Tests of the process that reads scenes (examples/scene_file.h): its access to files, its limits of time and memory,
+   and its end. The readers of these tests are functions of this program, each of which does one forbidden thing.
+   Further tests check the materials that the process returns, and examples/gltf_file.h, which writes materials. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
-static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }  /* of picture_file.h */
+static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }  /* used by picture_file.h */
 #include "../examples/gltf_file.h"
 #include "support/test.h"
 #include <sys/inotify.h>
@@ -14,7 +14,7 @@ static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); 
 
 static char folder[64], error[512];
 
-/* Notes of readers that survive the pages of the scene, in shared memory. */
+/* Notes that readers write into shared memory. They remain when the pages of the scene are unmapped. */
 static struct notes {
     volatile pid_t child;
     volatile size_t taken;
@@ -33,7 +33,7 @@ static void write_text(const char *name, const char *text) {
     if (out) { fputs(text, out); fclose(out); }
 }
 
-/* Returns whether the process is not running: ended, or a zombie. */
+/* Returns 1 if the process has ended or is a zombie. */
 static int is_gone(pid_t child) {
     char path[64], state = 0;
     FILE *in;
@@ -50,7 +50,7 @@ static int goes(pid_t child) {
     return i < 600;
 }
 
-/* Reads room.obj with the function `reading`, by default within half a second. */
+/* Reads room.obj with the function `reading`. The default time limit is half a second. */
 static scene_file *load(scene__reading reading, const scene_file_options *given) {
     scene_file_options options;
     memset(&options, 0, sizeof options);
@@ -61,9 +61,9 @@ static scene_file *load(scene__reading reading, const scene_file_options *given)
     return scene__load(reading, in_folder("room.obj"), &options, error, sizeof error);
 }
 
-/* >>access to the file system and the rest of the machine */
+/* >>access to files and to the rest of the machine */
 
-/* Reports a call that should have failed, as a warning of the scene. */
+/* Adds a warning to the scene if a call succeeds that must fail. */
 #define MUST_FAIL(call, what) do { if ((call) >= 0) scene__warn(file, "%s", what); } while (0)
 
 static void look_around(scene_file *file, const char *path, scene__bytes *bytes) {
@@ -110,7 +110,7 @@ static void listen_to(const char *path, const char *message, void *user) {
     snprintf(told, sizeof told, "%s: %s", path, message);
 }
 
-/* A reader can open files of the scene's folder, and nothing else: no files, sockets, processes or executable
+/* A reader can open files in the folder of the scene and nothing else: no other files, sockets, processes or executable
    memory. */
 TEST(it_sees_nothing_else) {
     scene_file_options options;
@@ -137,7 +137,8 @@ TEST(it_sees_nothing_else) {
     scene_file_free(file);
 }
 
-/* Makes Landlock and seccomp fail in a copy of this process, by means of seccomp. The other limits must still work. */
+/* Makes Landlock and seccomp unavailable in a copy of this process, with a seccomp filter. The other limits must still
+   work. */
 static int without_both(void) {
     struct sock_filter code[] = {
         BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
@@ -184,7 +185,7 @@ TEST(an_older_kernel_is_told_of) {
           " 4 none of seccomp", status);
 }
 
-/* >>a reader that was taken over by an attacker */
+/* >>a reader that an attacker controls */
 
 static int called;
 static void be_called(const float direction[3], float radiance[3], void *user) {
@@ -197,7 +198,7 @@ static void draw_nothing(const sbl_draw_view *view, void *user) { (void)view; (v
 static int lie;
 static float elsewhere[64];
 
-/* Leaves a valid scene with one lie in it, as an attacker who controls the reader would. */
+/* Leaves a valid scene with one inconsistent value in shared memory, as an attacker who controls the reader could. */
 static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes) {
     sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
     sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
@@ -264,8 +265,8 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 27 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
-   dropped. */
+/* Each of 27 inconsistent values in the shared memory makes reading fail. Pointers to functions and names of GL objects
+   are set to 0. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
@@ -292,7 +293,7 @@ TEST(lies_are_not_believed) {
     scene_file_free(file);
 }
 
-/* >>pictures */
+/* >>textures */
 
 /* A broken texture file is opened only once, however many materials use it. */
 TEST(a_broken_picture_is_opened_once) {
@@ -325,15 +326,16 @@ TEST(a_broken_picture_is_opened_once) {
     scene_file_free(file);
 }
 
-/* >>metal and gloss */
+/* >>metalness, roughness and transmission */
 
 typedef struct gloss { double ior, metallic, roughness; } gloss;
 enum { GLOSSES = 12 };
 static const gloss matte = { 0, 0, 0 };
 
-/* Writes a scene with a triangle for each of the materials, which are separated by bars. The first triangle has the
-   last material, because assimp returns materials in the order in which they are used. Texture 0 is two.png, 1 the same
-   but clamped, 2 absent; 3 to 9 are two.png by other names, 10 to 16 the same but clamped. */
+/* Writes a scene with one triangle for each of the materials, which are separated by bars. The first triangle uses the
+   last material, because assimp returns materials in the order of their use. Texture 0 is two.png, texture 1 is two.png
+   with clamping, and texture 2 is a missing file. Textures 3 to 9 are copies of two.png, and 10 to 16 are the same
+   copies with clamping. */
 static void write_materials(const char *name, const char *materials) {
     static const char corners[] = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";  /* 0 0 0, 1 0 0, 0 1 0 */
     static char json[8192];
@@ -364,7 +366,7 @@ static void write_materials(const char *name, const char *materials) {
     write_text(name, json);
 }
 
-/* Returns whether a text file contains a text. */
+/* Returns 1 if a file contains a text. */
 static int has_text(const char *name, const char *text) {
     static char all[16384];
     FILE *in = fopen(in_folder(name), "rb");
@@ -381,7 +383,7 @@ static scene_file *read_back(const char *name, int all_matte) {
     return scene_file_load(in_folder(name), &options, error, sizeof error);
 }
 
-/* Returns the material of triangle `number`. */
+/* Returns the material of the triangle with index `number`. */
 static const sbl_material *material_of(const scene_file *file, int number) {
     return &file->scene.materials[file->scene.meshes[number].material];
 }
@@ -391,7 +393,8 @@ static int is_gloss(const sbl_material *m, const gloss *g) {
            fabs((double)m->roughness - g->roughness) < 1e-6;
 }
 
-/* Reads a scene, whose triangle i has the gloss all[backwards ? count - 1 - i : i]. */
+/* Reads a scene and checks its materials: triangle i must have the material all[backwards ? count - 1 - i : i]. Returns
+   the scene. */
 static scene_file *check_gloss(const char *name, const char *what, const gloss *all, int backwards) {
     scene_file *file = read_back(name, 0), *plain = read_back(name, 1);
     int i;
@@ -413,8 +416,8 @@ static scene_file *check_gloss(const char *name, const char *what, const gloss *
 #define EXTENSION(name, values) "\"extensions\":{\"KHR_materials_" name "\":{" values "}}"
 #define BLACK_LAMP MODEL("\"baseColorFactor\":[0,0,0,1],\"roughnessFactor\":0.5") ",\"emissiveFactor\":[0,0,1]"
 
-/* Each material of a .gltf has the values of the file. If no material has metal, gloss, a texture of these or
-   transmission, all are matte. */
+/* Each material of a .gltf has the values of the file. All materials are matte if no material has metalness, specular
+   reflection, a texture of these or transmission. */
 TEST(gloss_of_gltf) {
     static const struct { const char *materials; gloss all[GLOSSES]; } files[] = {
         { FACTORS("0", "1") "||" MODEL("\"baseColorFactor\":[1,0,0,1]") "|\"emissiveFactor\":[1,1,1]",
@@ -459,8 +462,8 @@ TEST(gloss_of_gltf) {
 
 #define TEXTURED(values, texture) MODEL(values ",\"metallicRoughnessTexture\":{\"index\":" texture "}")
 
-/* A picture that is colour and metal becomes two textures, one in sRGB and one linear. A missing one leaves a matte
-   surface. */
+/* A picture that is used for both colour and metalness becomes two textures, one in sRGB and one linear. If the picture
+   is missing, the surface is matte. */
 TEST(textures_of_metal) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     static const gloss all[4] = { { 1.5, 1, 1 }, { 1.5, 0.5, 0.25 }, { 1.5, 1, 1 }, { 0, 0, 0 } };
@@ -493,20 +496,21 @@ TEST(textures_of_metal) {
     scene_file_free(file);
 }
 
-/* One set of texture coordinates serves all textures of a material: that of its colour, or else that of its metal. */
+/* All textures of a material use one set of texture coordinates: that of its colour texture or, without one, that of
+   its metalness texture. */
 TEST(coordinates_of_metal) {
     scene_file *file;
     const float *v;
     write_materials("uv.gltf", TEXTURED("\"metallicFactor\":1", "0,\"texCoord\":1"));
     file = read_back("uv.gltf", 0);
     REQUIRE(file, "%s", error);
-    v = (const float *)file->scene.meshes[0].texcoords.data;  /* TEXCOORD_1: 1 0, 0 0, 1 0 */
+    v = (const float *)file->scene.meshes[0].texcoords.data;  /* expects TEXCOORD_1: 1 0, 0 0, 1 0 */
     CHECK(!file->warning_count && v && v[0] > 0.5f && v[2] < 0.5f, "%s", file->warnings[0]);
     scene_file_free(file);
     write_materials("uv.gltf", TEXTURED("\"baseColorTexture\":{\"index\":0}", "0,\"texCoord\":1") ",\"name\":\"shoe\"");
     file = read_back("uv.gltf", 0);
     REQUIRE(file, "%s", error);
-    v = (const float *)file->scene.meshes[0].texcoords.data;  /* TEXCOORD_0: 0 0, 0 1, 0 0 */
+    v = (const float *)file->scene.meshes[0].texcoords.data;  /* expects TEXCOORD_0: 0 0, 0 1, 0 0 */
     CHECK(v && v[0] < 0.5f && v[3] > 0.5f, "the coordinates are not those of the colour");
     CHECK(file->warning_count == 1 && strstr(file->warnings[0], "material shoe: its textures use different"), "%s",
           file->warnings[0]);
@@ -529,7 +533,7 @@ static const char phong_dae[] =
     "</technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes><scene>"
     "<instance_visual_scene url=\"#w\"/></scene></COLLADA>";
 
-/* The highlights of OBJ and Collada become gloss or metal. */
+/* The highlights of OBJ and Collada become roughness and metalness. */
 TEST(gloss_of_other_formats) {
     static const struct { const char *material; gloss expected; double red; } materials[] = {
         { "Kd .5 .5 .5\nKs 1 1 1\nNs 98\nNi 1.7\nillum 2", { 1.7, 0, 0.37606031 }, 0.5 },
@@ -570,15 +574,15 @@ TEST(gloss_of_other_formats) {
     scene_file_free(check_gloss("gloss.dae", "gloss.dae", all, 0));
 }
 
-/* Share of light that passes, textures and flags of panes and blended surfaces, and the alpha of their vertex colours
-   (1 without these). */
+/* Expected values of panes and blended surfaces: transmittance, textures and flags, and the alpha of their vertex
+   colours (1 without vertex colours). */
 typedef struct pane { double transmission, cutoff, alpha; int is_blended, has_texture; } pane;
 
 static double alpha_of(const sbl_mesh *m) {
     return m->colors.data ? (double)((const float *)m->colors.data)[4 * m->vertex_count - 1] : 1;
 }
 
-/* Compares the material of triangle `number`. */
+/* Compares the material of the triangle with index `number` with the expected values. */
 static void check_pane(const scene_file *file, int number, const char *what, const pane *expected) {
     const sbl_material *m = material_of(file, number);
     const double alpha = alpha_of(&file->scene.meshes[number]);
@@ -590,7 +594,8 @@ static void check_pane(const scene_file *file, int number, const char *what, con
           (double)m->transmission, m->transmission_texture, (double)m->alpha_cutoff, (unsigned)m->flags, alpha);
 }
 
-/* Reads a scene of `count` panes in the order of the file, the first triangle is the last. */
+/* Reads a scene of `count` panes and compares all materials. all: in the order of the file; the first triangle uses the
+   last one. */
 static void check_panes(const char *materials, int all_matte, const pane *all, int count) {
     scene_file *file;
     int i;
@@ -605,8 +610,8 @@ static void check_panes(const char *materials, int all_matte, const pane *all, i
 #define PANE(values) FACTORS("0", "1") "," EXTENSION("transmission", values)
 #define COLORED(alpha) MODEL("\"metallicFactor\":0,\"roughnessFactor\":1,\"baseColorFactor\":[1,1,1," alpha "]")
 
-/* A material of a .gltf lets pass the share of light that KHR_materials_transmission gives; unlit ones let none pass. A
-   pane whose texture is missing is opaque. */
+/* The transmittance of a material is the value of KHR_materials_transmission. Unlit materials are opaque. A pane whose
+   texture is missing is opaque. */
 TEST(panes_of_gltf) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     static const char materials[] = PANE("\"transmissionFactor\":0.25") "|"
@@ -642,8 +647,8 @@ TEST(panes_of_gltf) {
     scene_file_free(file);
 }
 
-/* BLEND is partly transparent, and its factor becomes the alpha of vertices. In matte files it is cut out at 0.5, and
-   it does not make a file one that is not matte. */
+/* BLEND makes a surface partly transparent, and its alpha factor becomes the alpha of the vertex colours. In scenes
+   that are matte otherwise, BLEND becomes a cut-out at an alpha of 0.5, and the scene stays matte. */
 TEST(blending_of_gltf) {
     static const char materials[] = FACTORS("0", "0.5") "|" COLORED("0.25") ",\"alphaMode\":\"BLEND\"|"
         COLORED("0.75") ",\"alphaMode\":\"BLEND\"|" COLORED("1") ",\"alphaMode\":\"BLEND\"|"
@@ -662,7 +667,7 @@ TEST(blending_of_gltf) {
     scene_file *file;
     check_panes(materials, 0, blended, 7);
     check_panes(materials, 1, cut, 6);
-    check_panes(strchr(materials, '|') + 1, 0, cut + 1, 5);  /* no gloss: the file is matte */
+    check_panes(strchr(materials, '|') + 1, 0, cut + 1, 5);  /* no other material: the scene is matte */
     file = read_back("panes.gltf", 0);
     CHECK(file && is_gloss(material_of(file, 0), &matte) && file->simplified[SCENE_FILE_BLEND] == 2,
           "BLEND made a file glossy");
@@ -674,8 +679,8 @@ TEST(blending_of_gltf) {
     scene_file_free(file);
 }
 
-/* Glass of OBJ becomes a pane of which d and Tf give the colour. Other materials with d are blended with what is behind
-   them, unless the file is matte. */
+/* Glass of OBJ becomes a pane, whose colour is given by d and Tf. Other materials with d are blended with the
+   background, unless the scene is matte. */
 TEST(glass_of_obj) {
     static const struct { const char *material; pane expected; double red, blue; } materials[] = {
         { "Kd 1 1 1\nKs 1 1 1\nNs 98\nillum 4\nd 0.25", { 0.75, 0, 1, 0, 0 }, 1, 1 },
@@ -719,7 +724,7 @@ TEST(glass_of_obj) {
     scene_file_free(file);
 }
 
-/* Returns the camera of a scene as gltf_file.h takes it, or NULL. */
+/* Returns the camera of a scene in the form that gltf_file.h needs, or NULL. */
 static const float *camera_of(const scene_file *file) {
     static float v[10];
     if (!file->has_camera) return NULL;
@@ -749,7 +754,7 @@ static void write_scene(const scene_file *from, const char *name) {
     }
 }
 
-/* A scene that gltf_file.h writes has the same materials when it is read again, also matte ones among others. */
+/* A scene that gltf_file.h writes has the same materials when it is read again, also if only some of them are matte. */
 TEST(written_gloss_is_read_again) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     scene_file *file, *again;
@@ -797,7 +802,7 @@ static int is_near(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Lights and camera that gltf_file.h writes are the same when they are read again. */
+/* Lights and a camera that gltf_file.h writes are the same when they are read again. */
 TEST(written_lights_are_read_again) {
     scene_file *file = scene_file_load("examples/scenes/lights.gltf", NULL, error, sizeof error), *again;
     int i;
@@ -823,8 +828,8 @@ TEST(written_lights_are_read_again) {
     scene_file_free(file);
 }
 
-/* Writes a triangle that several nodes use. texcoords: its attributes after POSITION; nodes: the members of the nodes
-   after the mesh, separated by bars. */
+/* Writes a triangle that several nodes use. texcoords: the attributes of the triangle after POSITION; nodes: the
+   members of each node after its mesh, separated by bars. */
 static void write_places(const char *name, const char *texcoords, const char *nodes) {
     static char json[4096];
     int n, i, count = 1;
@@ -846,7 +851,7 @@ static void write_places(const char *name, const char *texcoords, const char *no
     write_text(name, json);
 }
 
-/* Returns the lightmap coordinate u of the first corner of a mesh; -1: it has none. */
+/* Returns the lightmap coordinate u of the first corner of a mesh, or -1 without lightmap coordinates. */
 static double map_u(const scene_file *file, int number) {
     const float *v = (const float *)file->scene.meshes[number].lightmap_texcoords.data;
     return v ? (double)v[0] : -1;
@@ -855,8 +860,8 @@ static double map_u(const scene_file *file, int number) {
 #define PLACE(v) ",\"extras\":{\"lightmapScaleOffset\":" v "}"
 #define IN_MAP(v) ",\"extras\":{\"lightmapIndex\":" v "}"
 
-/* Each node moves the lightmap coordinates of its mesh, u = 1 0 1 and v = 0 0 0, to its place, and nothing else. Places
-   that are not valid are ignored. */
+/* The extras of a node give a scale and an offset for the lightmap coordinates of its mesh, u = 1 0 1 and v = 0 0 0.
+   They are applied to these coordinates and to nothing else. Invalid values are ignored. */
 TEST(places_in_lightmaps) {
     static const float moved[6] = { 0.75f, 0.5f, 0.25f, 0.5f, 0.75f, 0.5f };
     scene_file *file;
@@ -883,8 +888,9 @@ TEST(places_in_lightmaps) {
     scene_file_free(file);
 }
 
-/* Each mesh has a map, and scene_file_keep_map takes the lightmap coordinates of all others. A second set needs no
-   first one, in any order; others than the first need all before them. */
+/* Each mesh has the map that its node names, and scene_file_keep_map removes the lightmap coordinates of all other
+   maps. TEXCOORD_1 is used without TEXCOORD_0, and the order of the attributes does not matter. Later sets are only
+   used if all sets before them exist. */
 TEST(sets_and_maps) {
     static const char *const sets[] = { ",\"TEXCOORD_1\":2", ",\"TEXCOORD_1\":2,\"TEXCOORD_0\":1",
         ",\"TEXCOORD_0\":1,\"TEXCOORD_2\":2", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2,\"TEXCOORD_3\":1" };
@@ -910,7 +916,7 @@ TEST(sets_and_maps) {
     }
 }
 
-/* Matte materials that gltf_file.h writes stay matte if the only special thing beside them is a pane. */
+/* A scene that gltf_file.h writes keeps its matte materials if its only other material is a pane. */
 TEST(written_panes_are_read_again) {
     scene_file *file, *again;
     int i;
@@ -922,7 +928,7 @@ TEST(written_panes_are_read_again) {
                     EXTENSION("unlit", ""));
     file = read_back("panes.gltf", 0);
     REQUIRE(file, "%s", error);
-    file->scene.material_count = 2;  /* without assimp's own material, which is unused and metal */
+    file->scene.material_count = 2;  /* removes the default material of assimp, which is unused and metallic */
     write_scene(file, "again.gltf");
     scene_file_free(file);
     again = read_back("again.gltf", 0);
@@ -940,7 +946,7 @@ TEST(written_panes_are_read_again) {
 #define NORMAL(values) "\"normalTexture\":{" values "}"
 #define BASE(index) MODEL("\"baseColorTexture\":{\"index\":" index "}")
 
-/* Checks the texture of normals of a triangle: whether there is one, and its factor (0: none). */
+/* Checks the normal map of a triangle. scale: its factor; 0: there must be no normal map */
 static void check_normals(const scene_file *file, int number, const char *what, double scale) {
     const sbl_material *m = material_of(file, number);
     CHECK((m->normal_texture != 0) == (fabs(scale) > 0) && fabs((double)m->normal_scale - scale) < 1e-6,
@@ -948,8 +954,9 @@ static void check_normals(const scene_file *file, int number, const char *what, 
           (double)m->normal_scale, scale);
 }
 
-/* A .gltf has the normal maps and factors of the file, in matte files, too, which stay matte. Materials whose picture
-   is missing or grey, whose factor is 0, or which are unlit have none. With options.matte, none has one. */
+/* Normal maps and their factors are those of the .gltf file. They do not make a matte scene one that is not matte. A
+   material gets no normal map if its picture is missing or grey, if the factor is 0, or if it is unlit. options.matte
+   removes all normal maps. */
 TEST(normals_of_gltf) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 }, grey[6] = { 7, 7, 7, 7, 8, 7 };
     static const char materials[] = NORMAL("\"index\":0") "," BASE("0") "|" NORMAL("\"index\":0,\"scale\":0.25") "|"
@@ -1001,17 +1008,17 @@ TEST(normals_of_gltf) {
     scene_file_free(file);
 }
 
-/* Five different textures fit in each material. A picture of both metal and normals is one texture. */
+/* A material can have five different textures. A picture that is used for both metalness and normals is one texture. */
 TEST(five_textures_per_material) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
-    enum { COUNT = 5 };  /* with fewer, there is room for more, because assimp adds a material */
+    enum { COUNT = 5 };  /* more textures fit with fewer materials, because assimp adds one */
     char text[COUNT * 512] = "";
     scene_file *file;
     int i, at[5], k;
     stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
     for (i = 0; i < COUNT; i++) {
         for (k = 0; k < 5; k++) at[k] = k < 2 ? 2 * i + k : 3 * i + k - 2;
-        for (k = 0; k < 5; k++) at[k] += at[k] >= 2;  /* number 2 is absent */
+        for (k = 0; k < 5; k++) at[k] += at[k] >= 2;  /* texture 2 is missing */
         sprintf(text + strlen(text), "%s" MODEL("\"baseColorTexture\":{\"index\":%d},\"metallicRoughnessTexture\":"
                 "{\"index\":%d}") ",\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":%d},"
                 NORMAL("\"index\":%d") "," EXTENSION("transmission",
@@ -1037,8 +1044,8 @@ TEST(five_textures_per_material) {
 
 #define TRANSFORM "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5]}}"
 
-/* Reads a material, and compares the texture coordinates of corner 1 of its triangle, whose TEXCOORD_0 is 0 1 and whose
-   TEXCOORD_1 is 0 0. warning: part of the only warning; NULL: there must be none. */
+/* Reads a material, and compares the texture coordinates of corner 1 of its triangle, which has TEXCOORD_0 = (0, 1) and
+   TEXCOORD_1 = (0, 0). warning: a part of the only warning; NULL: there must be no warning */
 static void check_coordinates(const char *material, double u, double v, const char *warning) {
     scene_file *file;
     const float *at;
@@ -1054,8 +1061,8 @@ static void check_coordinates(const char *material, double u, double v, const ch
     scene_file_free(file);
 }
 
-/* A normal map alone is shown with its own set of texture coordinates and its KHR_texture_transform; beside another
-   texture, with the coordinates of that one. */
+/* A normal map without other textures uses its own set of texture coordinates and its KHR_texture_transform. With
+   another texture in the material, it uses the coordinates of that texture. */
 TEST(coordinates_of_normals) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
@@ -1071,7 +1078,8 @@ TEST(coordinates_of_normals) {
                       "those of its metal are used");
 }
 
-/* In OBJ, `norm` is a normal map, and its texture coordinates begin at the top. Textures of heights are counted. */
+/* In OBJ, `norm` is a normal map. The texture coordinates of OBJ, which begin at the bottom, are flipped. Height maps
+   are counted and not used. */
 TEST(normals_of_obj) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     static const char *const materials[] = { "norm two.png", "map_Bump two.png", "bump two.png\nnorm two.png",
@@ -1102,8 +1110,8 @@ TEST(normals_of_obj) {
     scene_file_free(file);
 }
 
-/* Normal maps and their factors that gltf_file.h writes are the same when they are read again. Pictures that are given
-   as numbers become the same bytes. */
+/* Normal maps and factors that gltf_file.h writes are the same when they are read again. Textures without a file are
+   written with the same bytes. */
 TEST(written_normals_are_read_again) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     static const float numbers[6] = { 10 / 255.0f, 128 / 255.0f, 250 / 255.0f, 200 / 255.0f, 64 / 255.0f, 3 / 255.0f };
@@ -1138,10 +1146,10 @@ TEST(written_normals_are_read_again) {
     scene_file_free(file);
 }
 
-/* >>limit of time */
+/* >>time limits */
 
 static void read_on(scene_file *file, const char *path,
-    scene__bytes *bytes) {  /* like a file that includes itself endlessly */
+    scene__bytes *bytes) {  /* runs endlessly, like a file that includes itself */
     notes->child = getpid();
     for (;;) {
         scene__bytes again = { NULL, 0 };
@@ -1189,7 +1197,7 @@ TEST(the_deadline_stands) {
     }
 }
 
-/* A cancelled load returns nothing, without a message, and its reader has ended. */
+/* A cancelled call of the reader returns NULL without a message, and the process of the reader has ended. */
 TEST(a_cancelled_reader_is_gone) {
     static volatile sig_atomic_t cancel = 1;
     scene_file_options options;
@@ -1204,7 +1212,7 @@ TEST(a_cancelled_reader_is_gone) {
     scene_file_free(file);
 }
 
-/* Starts a process that waits for its reader for longer than this test runs. */
+/* Starts a process that waits for its reader for longer than this test takes. Returns its id. */
 static pid_t load_elsewhere(scene__reading reading, double seconds) {
     scene_file_options options;
     pid_t host;
@@ -1243,21 +1251,21 @@ TEST(it_does_not_outlive_its_host) {
     if (child && !is_gone(child)) kill(child, SIGKILL);
 }
 
-/* A reader whose host ended before it started ends at once. */
+/* A reader whose host ended before the reader started ends at once. */
 TEST(a_host_that_is_gone_already) {
     int status = -1;
     pid_t child;
     fflush(NULL);
     child = fork();
     if (child == 0) {
-        scene__die_with(getpid());  /* not the parent of the process */
+        scene__die_with(getpid());  /* a process that is not the parent */
         _exit(0);
     }
     waitpid(child, &status, 0);
     CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 1, "status %#x: the reader should end at once", status);
 }
 
-/* >>limit of memory */
+/* >>memory limits */
 
 enum { MEGABYTE = 1 << 20, LIMIT = 64 * MEGABYTE };
 
@@ -1284,7 +1292,7 @@ static void take_the_rest(scene_file *file, const char *path, scene__bytes *byte
     take_all(file, path, bytes);
 }
 
-/* A reader that allocates or shares more than the limit fails, with a message. */
+/* A reader that allocates or shares more memory than the limit fails with a message. */
 TEST(memory_is_limited) {
     scene_file_options options;
     scene_file *file;
@@ -1310,7 +1318,7 @@ TEST(memory_is_limited) {
     scene_file_free(file);
 }
 
-/* Shared pages that are not used any more are returned. */
+/* Shared pages that are no longer used are released. */
 TEST(shared_pages_are_limited) {
     scene_file_options options;
     scene_file *file;
@@ -1324,7 +1332,7 @@ TEST(shared_pages_are_limited) {
     scene_file_free(file);
 }
 
-/* Memory limits of control groups are read from files of the formats of versions 1 and 2. */
+/* Memory limits of control groups are read from the files of cgroup versions 1 and 2. */
 TEST(control_groups_are_heeded) {
     static const struct { const char *groups, *file, *text; double limit; } cases[] = {
         { "0::/a/b\n", "/a/b/memory.max", "1000\n", 1000 },
@@ -1355,7 +1363,8 @@ TEST(control_groups_are_heeded) {
         "without control groups there should be no limit");
 }
 
-/* The default limit is half of the physical memory and of ulimit -v; a smaller request is kept. */
+/* The default limit is half of the physical memory or of ulimit -v, if that is less. A smaller limit that the caller
+   requests is used. */
 TEST(ulimit_is_heeded) {
     const size_t before = scene__memory_limit(0), mine = scene__memory_limit((size_t)1 << 30);
     int status = -1;
@@ -1381,7 +1390,7 @@ int main(void) {
     const char *temporary = getenv("TMPDIR");
     char command[128];
     int failed;
-    alarm(7200);  /* ends this test if a parent waits for ever */
+    alarm(7200);  /* ends this test if a parent waits forever */
     snprintf(folder, sizeof folder, "%.40s/sbl_reader_XXXXXX", temporary && *temporary ? temporary : "/tmp");
     notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",

@@ -1,5 +1,6 @@
-/* The pipeline compared with the ray caster of reference.h, pixel by pixel: what the camera sees, the light that
-   arrives there, and what single sensors see; with every vertex format, texture format and kind of camera. */
+/* Tests that compare the pipeline with the ray caster of reference.h, pixel by pixel: visible surfaces, the light that
+   arrives there, and the texels of single sensors. They cover every vertex format, texture format and kind of
+   camera. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -7,9 +8,9 @@
 
 static sbl_context *context;
 
-/* >>scene */
+/* >>the scene */
 
-/* Adds a texture of random texels. Alpha, if there is any, cuts out about half of the area. */
+/* Adds a texture of random texels. An alpha channel cuts out about half of the area. */
 static int random_texture(test_scene *s, sbl_pixel_format format, int width, int height, int channels, uint64_t *seed) {
     static unsigned char pixels[32 * 32 * 4 * 4];
     int i, count = width * height * channels;
@@ -27,8 +28,8 @@ static int random_texture(test_scene *s, sbl_pixel_format format, int width, int
                          channels);
 }
 
-/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, and a screen with
-   cut-outs between lamp and floor. */
+/* Makes a room that is open to the sky: a textured floor and textured walls, a smooth ball, a box with coloured
+   corners, and a screen with cut-outs between the lamp and the floor. */
 static void textured_scene(test_scene *s) {
     static const float floor[12] = { -3, 0, -3, -3, 0, 3, 3, 0, 3, 3, 0, -3 },
         back[12] = { -3, 0, -3, 3, 0, -3, 3, 3, -3, -3, 3, -3 };
@@ -70,12 +71,12 @@ static sbl_picture_desc textured_view(int width, int height) {
     return scene_view(width, height, 50, 1.5f, 2.2f, 5.5f, -0.1f, 0.9f, 0);
 }
 
-/* >>camera */
+/* >>surfaces that the camera sees */
 
-/* Compares what the camera sees at every pixel except at edges. Positions must be in the surface's plane within float
-   rounding (otherwise a sensor would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to
-   which GL places corners; directly at a seam GL may choose the neighbour. Albedo: 8 bits decoded, or 16-bit floats,
-   then filtered. */
+/* Compares the visible surfaces at every pixel except at edges. Positions must be in the plane of the surface within
+   the rounding of floats, because otherwise a sensor would see its own surface. They must also be on the ray of the
+   pixel within 1/256 pixel, the precision of rasterised corners. Directly at a seam GL may choose the adjacent
+   triangle. Albedo is decoded from 8 bits, or read as 16-bit floats, and then filtered. */
 static void check_camera(const test_scene *s, const sbl_picture_desc *view, const char *name, int least_seen) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
@@ -161,11 +162,11 @@ TEST(cameras) {
     }
 }
 
-/* >>light */
+/* >>light on these surfaces */
 
-/* Compares R at every pixel except at edges. The reference has a standard error, estimated from independent rounds, and
-   the sensor's texels (size 128) err at the rims of lamp, cut-outs and shadows. Both are unbiased, so the means must
-   agree closely, and single pixels roughly. */
+/* Compares R at every pixel except at edges. The reference has a standard error, which is estimated from independent
+   rounds. The texels of the sensor, whose size is 128, have errors at the edges of the lamp, of cut-outs and of
+   shadows. Neither error is biased; therefore the means must agree closely, and single pixels roughly. */
 static void check_light(sbl_mode mode, double epsilon) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -187,7 +188,7 @@ static void check_light(sbl_mode mode, double epsilon) {
                 v3 origin, direction;
                 if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
                 ref_camera_ray(&view, x + 0.5, y + 0.5, &origin, &direction);
-                if (v3_dot(direction, p.normal) > -0.02) continue;  /* sbl.h bends shading normals that turn away */
+                if (v3_dot(direction, p.normal) > -0.02) continue;  /* sbl.h bends such shading normals */
                 ref_gather(reference, p.position, p.normal, epsilon, 16, 10, 4, &seed, expected, error);
                 count++;
                 for (k = 0; k < 3; k++) {
@@ -223,9 +224,9 @@ static void check_light(sbl_mode mode, double epsilon) {
 TEST(direct_light) { check_light(SBL_MODE_DIRECT, 0); }
 TEST(ambient_light) { check_light(SBL_MODE_AMBIENT, 0.5); }
 
-/* Compares each texel of a sensor with a ray through its centre. Texels at an edge (rays a tenth of a texel aside meet
-   another surface) may differ. Only in SBL_MODE_PAPER do texels show emitters; in other modes rays towards the lamps
-   measure them, and texels show them black. */
+/* Compares each texel of a sensor with a ray through its centre. Texels at an edge, where rays a tenth of a texel apart
+   meet different surfaces, may differ. Texels show emitters only in SBL_MODE_PAPER. In other modes texels show emitters
+   as black, and rays towards the lamps measure their light. */
 static void check_texels(sbl_mode mode) {
     static const int pixels[][2] = { { 12, 9 }, { 30, 25 }, { 33, 16 }, { 5, 12 }, { 20, 28 }, { 10, 17 } };
     test_scene s = { 0 };
@@ -295,7 +296,7 @@ static void check_texels(sbl_mode mode) {
                     }
                     for (k = 0; k < 3; k++) off = test_max(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
                     holes += seen[0].mesh == 3 || seen[0].mesh == 4;
-                    /* light is stored with 16 bits, textures with 8 or 16 */
+                    /* light has 16 bits, textures have 8 or 16 */
                     if (!(off < 3e-3)) wrong_light++;
                     if (!(fabs((double)texel[3] - distance) <= 2e-3 * fabs(distance))) wrong_distance++;
                 }
@@ -314,7 +315,7 @@ static void check_texels(sbl_mode mode) {
           "%d texels, %d on surfaces with cut-outs, %d on emitters",
           texels, holes, glowing);
     CHECK(edges < texels / 5, "%d of %d texels are at edges", edges, texels);
-    /* a few texels may differ in sensors very close to the rims of cut-outs */
+    /* a few texels may differ in sensors that are very close to edges of cut-outs */
     CHECK(wrong_light * 1000 < texels, "the light of %d of %d texels differs", wrong_light, texels);
     CHECK(wrong_distance * 1000 < texels, "the distance of %d of %d texels differs", wrong_distance, texels);
 done:
@@ -322,13 +323,13 @@ done:
     scene_free(&s);
 }
 
-/* Texels of sensors agree with single rays, in two modes. */
+/* The texels of sensors agree with single rays in two modes. */
 TEST(sensors_see_what_rays_see) { check_texels(SBL_MODE_AMBIENT); }
 TEST(sensors_of_the_paper_see_what_rays_see) { check_texels(SBL_MODE_PAPER); }
 
 /* >>vertex formats */
 
-static uint16_t to_half(double value) {  /* for values up to some thousand that are not subnormal */
+static uint16_t to_half(double value) {  /* for values below some thousands that are not subnormal */
     int exponent;
     double fraction = frexp(fabs(value), &exponent);
     unsigned sign = value < 0 ? 0x8000u : 0;
@@ -371,11 +372,11 @@ static sbl_stream make_stream(test_scene *s, const double *values, int count, in
     return stream;
 }
 
-/* Every vertex format, with and without gaps, indices and optional streams, shows the same surface as the ray
-   caster. */
+/* Every vertex format, with and without gaps, indices and optional streams, gives the surface that the ray caster
+   sees. */
 TEST(vertex_formats) {
     enum { N = 6, VERTICES = N * N, CORNERS = 6 * (N - 1) * (N - 1) };
-    /* SBL_TYPE_COUNT: no such stream */
+    /* SBL_TYPE_COUNT: the stream is missing */
     static const struct { sbl_type position, normal, texcoord, color, index; int gap; } kinds[] = {
         { SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_UINT32, 0 },
         { SBL_FLOAT32, SBL_INT8_NORM, SBL_UINT8_NORM, SBL_UINT8_NORM, SBL_UINT8, 4 },
@@ -395,7 +396,7 @@ TEST(vertex_formats) {
         char name[64];
         uint64_t seed = 3;
         sbl_mesh *m = &s.meshes[s.mesh_count++];
-        /* position, normal, texture coordinates, colour; all but the normal are from 0 to 1 */
+        /* position, normal, texture coordinates, colour; all except the normal are between 0 and 1 */
         for (i = 0; i < VERTICES; i++) {
             double x = (i % N) / (N - 1.0), z = (double)(i / N) / (N - 1);
             v3 n = v3_unit(v3_of(0.3 * cos(4 * x), 1, -0.4 * sin(3 * z)));
@@ -436,7 +437,8 @@ TEST(vertex_formats) {
     }
 }
 
-/* Normals are transformed by the inverse transpose of a matrix that rotates, scales and (the second time) mirrors. */
+/* Normals are transformed by the inverse transpose of a matrix that rotates and scales. The second matrix also
+   mirrors. */
 TEST(transformed_smooth_mesh) {
     int mirrored, i;
     for (mirrored = 0; mirrored < 2; mirrored++) {
@@ -454,13 +456,13 @@ TEST(transformed_smooth_mesh) {
     }
 }
 
-/* facet_limit: facets smaller than it on the screen have their own normals; facets of twice that size have their
-   shading normals. */
+/* Facets that are smaller on the screen than facet_limit have their geometric normals. Facets of twice this size have
+   their shading normals. */
 TEST(facets) {
-    static const float limits[3] = { -1, 1, 1e6f };  /* the facets of the ball are about 20 pixels high */
+    static const float limits[3] = { -1, 1, 1e6f };  /* facets of the ball are about 20 pixels high */
     float *flat = NULL;
     int way, i, k;
-    for (way = 3; way >= 0; way--) {  /* 3: a ball without normals */
+    for (way = 3; way >= 0; way--) {  /* 3: the ball has no normals */
         test_scene s = { 0 };
         sbl_picture_desc view = scene_plain(scene_view(64, 64, 40, 0, 0, 3, 0, 0, 0), SBL_MODE_DIRECT, 4);
         float *normals;
@@ -483,7 +485,8 @@ TEST(facets) {
 
 /* >>texture formats */
 
-/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates outside of 0 to 1. */
+/* Makes a wall of quads, one for every format, number of channels and wrap mode, with texture coordinates outside of 0
+   to 1. */
 TEST(texture_formats) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(150, 100, 40, 3, 2, 6, 3, 2, 0), SBL_MODE_DIRECT, 4);
@@ -503,11 +506,11 @@ TEST(texture_formats) {
         s.materials[m].albedo_texture = random_texture(&s, (sbl_pixel_format)format, 3 + i % 4, 2 + i % 3, channels,
                                                        &seed);
         s.textures[i].wrap = wrap ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
-        if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* 0 means 4 */
+        if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* 0 is the default of 4 */
         if (channels % 2 == 0) s.materials[m].alpha_cutoff = 0.5f;
         scene_quad_uv(&s, m, corners, 1, 1)->texcoords.data = uv;
     }
-    /* a texture with a stride larger than its rows */
+    /* this texture has a stride that is greater than its rows */
     {
         static const unsigned char rows[2][8] = { { 255, 0, 0, 0, 255, 0, 99, 99 },
             { 0, 0, 255, 255, 255, 255, 99, 99 } };

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Tests of the scripts that other tests rely on: embed_shaders finds and repairs differences, scripts/test counts
-# correctly, the sanitizers work, mutants.txt fits sbl.h.
+# Tests of the scripts that other tests use. embed_shaders finds and repairs differences; scripts/test counts correctly;
+# the sanitizers work; mutants.txt fits the code.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 
-# >>embed_shaders, in a copy
+# >>embed_shaders, in a copy of the repository
 
 copy="$folder/a copy"
 mkdir -p "$copy"
@@ -23,7 +23,7 @@ mends_it() {
     "$copy/scripts/embed_shaders" && "$copy/scripts/embed_shaders" --check && cp "$copy/sbl.h" "$folder/once" &&
     ! cmp -s "$folder/before" "$folder/once" && "$copy/scripts/embed_shaders" && cmp "$folder/once" "$copy/sbl.h"
 }
-# everything outside of the markers stays the same
+# the text outside the markers stays the same
 keeps_the_rest() {
     for file in before once; do sed "$block d" "$folder/$file" > "$folder/$file.rest"; done
     [ -s "$folder/once.rest" ] && same "$folder/before.rest" "$folder/once.rest"
@@ -65,12 +65,12 @@ check embed_shaders_keeps_the_rest keeps_the_rest
 check embed_shaders_strings_are_the_file strings_are_the_file
 check embed_shaders_refuses_without_markers refuses_without_markers
 
-# >>scripts/test, run in a repository of small fake tests
+# >>scripts/test, in a repository of small fake tests
 
 fake="$folder/fake repository"
 rest='/* RUN_PLAIN() */'  # makes scripts/test run a fake test twice: sanitized, and for the rest
-# fake_tests NAME|END|LAST-LINE...: runs scripts/test with programs that print LAST-LINE and then execute END; its
-# output is in $folder/verdict
+# fake_tests NAME|END|LAST-LINE...: runs scripts/test with programs that print LAST-LINE and then execute END. Its
+# output is written to $folder/verdict.
 fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests/support"
@@ -94,7 +94,7 @@ fails_with() {
     if fake_tests "$@"; then echo "scripts/test succeeds with:"; cat "$folder/verdict"; return 1; fi
     tail -n 1 "$folder/verdict" | grep -qx "$counts" || { cat "$folder/verdict"; return 1; }
 }
-# env_of NAME=VALUE COMMAND...
+# env_of NAME=VALUE COMMAND...: runs the command with an environment variable
 env_of() { (export "${1?}"; shift; "$@"); }
 runs_once_without_a_rest() {
     (rest=; fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped") || { cat "$folder/verdict"; return 1; }
@@ -107,8 +107,8 @@ adds_up() {
 }
 one="1 passed, 0 failed, 0 skipped"
 good="good|exit(0)|$one"
-# Checks that scripts/test builds and runs only the tests that are named, and starts the one first that took longest in
-# the last run. The recorded times are replaced before the second run, because measured times differ between machines.
+# scripts/test builds and runs only the named tests, and starts the one first that took longest in the last run. The
+# recorded times are replaced before the second run, because measured times differ between machines.
 names_and_order() {
     ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|exit(0)|$one" || return
     for kind in sanitized rest; do
@@ -131,7 +131,7 @@ check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "
 check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
 check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" \
     "late|abort()|3 passed, 0 failed, 0 skipped"
-# stops_for WORDS NAME...: like fails_with, and the output must say why the test was stopped
+# stops_for WORDS NAME...: scripts/test must fail, and its output must give the reason for which it stopped the test
 stops_for() {
     words=$1
     shift
@@ -147,7 +147,7 @@ check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 s
 check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" \
     "typo|x|1 passed, 0 failed, 0 skipped"
 check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
-# only sanitizers find these
+# only sanitizers find these errors
 check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$good" \
     "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one"
 check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
@@ -170,7 +170,7 @@ build_names_what_is_unknown() {
 check build_helps build_helps
 check build_names_what_is_unknown build_names_what_is_unknown
 
-# >>the sanitizers, and mutants
+# >>the sanitizers and the mutants
 
 leak_is_seen() {
     gcc -std=c99 -fsanitize=address tests/header/leak.c -lEGL -lm -o "$folder/leak" || return
@@ -194,7 +194,7 @@ unwrap_usage() {
         { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" --size 512 2> "$folder/said"; [ $? = 2 ]; } &&
             grep -q numbers "$folder/said"
 }
-# the charts are separate and on whole texels, so that nothing overlaps or is outside
+# the charts do not touch and begin at whole texels; therefore nothing overlaps or is outside the map
 unwrap_box() {
     scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 66 6 &&
     build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" \
@@ -204,7 +204,8 @@ unwrap_box() {
 }
 check unwrap_without_blender unwrap_without_blender
 check unwrap_usage unwrap_usage
-# A program named blender that only says that it was called, so that the checks before it are tested without Blender.
+# This program named blender only prints that it was called. Therefore the checks before this call can be tested without
+# Blender.
 mkdir -p "$folder/stub" "$folder/inside/deep"
 printf '#!/bin/sh\necho "unwrap: called"\n' > "$folder/stub/blender"
 chmod +x "$folder/stub/blender"
@@ -218,7 +219,8 @@ unwrap_stops() {
 echo secret > "$folder/secret"
 ln -s ../secret "$folder/inside/link"
 mkfifo "$folder/inside/pipe"
-# unwrap_files VERDICT CASE NAME: a scene that names a buffer, a material library and a texture like this
+# unwrap_files VERDICT CASE NAME: tests scenes that refer to a buffer, a picture, a material library and a texture by
+# this name. VERDICT: accepts or refuses
 unwrap_files() {
     printf '{ "buffers": [{ "byteLength": 1, "uri": "%s" }] }\n' "$3" > "$folder/inside/buffer.gltf"
     printf '{ "images": [{ "extensions": { "X": { "uri": "%s" } } }] }\n' "$3" > "$folder/inside/picture.gltf"

@@ -1,4 +1,5 @@
-/* Tests of sbl_bake --shadow-mask: the visibility of lights on a floor with a thin wall, which geometry gives. */
+/* Tests of sbl_bake --shadow-mask. The visibility of lights on a floor with a thin wall is compared with the visibility
+   that geometry gives. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -6,17 +7,17 @@
 
 enum { SIZE = 32, LIGHTS = 4 };
 
-/* The floor spans 4 x 4, and fills the map from 1/8 to 7/8; u runs along x, v along z. A wall of height 1 stands at
-   x = 0, from z = -1 to 1. */
+/* The floor is 4 x 4 in size, and its chart extends from 1/8 to 7/8 of the map, with u along x and v along z. A wall of
+   height 1 stands at x = 0, from z = -1 to 1. */
 static const float vertices[8][3] = {
     { -2, 0, -2 }, { -2, 0, 2 }, { 2, 0, 2 }, { 2, 0, -2 }, { 0, 0, -1 }, { 0, 1, -1 }, { 0, 1, 1 }, { 0, 0, 1 }
 };
 static const float places[4][2] = { { 0.125f, 0.125f }, { 0.125f, 0.875f }, { 0.875f, 0.875f }, { 0.875f, 0.125f } };
 static const unsigned corners[6] = { 0, 1, 2, 0, 2, 3 };
 
-/* Writes a dim lamp beside the wall, a sun that shines along x and as steeply down, a spot above x = 1 that shines
-   down, a lamp below the floor, and a fifth light. nodes: the numbers of more nodes than the floor and the wall; spot:
-   the intensity of the spot */
+/* Writes the scene with five lights: a dim lamp beside the wall; a sun that shines down along x at 45 degrees; a spot
+   above x = 1 that shines down; a lamp below the floor; and a fifth light. nodes: indices of further nodes in addition
+   to the floor and the wall; spot: intensity of the spot */
 static void write_wall(const char *name, const char *nodes, double spot) {
     char json[4096];
     FILE *out = fopen(in_folder("wall.bin"), "wb");
@@ -52,17 +53,17 @@ static void write_wall(const char *name, const char *nodes, double spot) {
     write_text(name, json);
 }
 
-/* Returns whether a light reaches a point of the floor. */
+/* Returns 1 if a light reaches a point of the floor. */
 static int reaches(int light, double x, double z) {
-    const double at = 1 / (x + 1);  /* share of the way from the lamp to the point at which it meets the wall's plane */
+    const double at = 1 / (x + 1);  /* the share of the way from the lamp to the point at which it crosses the wall */
     if (light == 0) return x < 0 || 1.25 * (1 - at) > 1 || fabs(0.25 + at * (z - 0.25)) > 1;
     if (light == 1) return x < 0 || x > 1 || fabs(z) > 1;
     return light == 2 && hypot(x - 1, z) < 2 * tan(0.4);
 }
 
-/* Returns the share of the light in a texel that arrives: about that of the places that a light reaches, and 1 at the
-   rim of the cone, beyond which there is none. Texels outside of the floor are those at its edge. across: number of
-   places across a texel */
+/* Returns the expected visibility of a light in a texel: the share of its points that the light reaches. For the spot
+   it is 1 if any point is in the cone. A texel outside the floor has the value of the closest one at the edge of the
+   floor. across: number of points across a texel */
 static double share_at(int light, int x, int y, int across) {
     const int low = SIZE / 8, high = SIZE - low - 1;
     int i, lit = 0;
@@ -74,8 +75,8 @@ static double share_at(int light, int x, int y, int across) {
     return light == 2 ? lit > 0 : lit / (double)(across * across);
 }
 
-/* Each channel shows its light: dim or bright, to the rim of the cone, as a share in texels at the edges of shadows,
-   and continued into the gutters. */
+/* Each channel shows the visibility of its light, dim or bright. It is 1 to the edge of the cone of the spot, and
+   between 0 and 1 in texels at the edges of shadows. The gutters continue it. */
 TEST(channels_show_lights) {
     unsigned char *bytes;
     int i, x, y, wide = 0, high = 0, parts = 0, edges = 0;
@@ -87,7 +88,7 @@ TEST(channels_show_lights) {
           said("1 more light") && said("channel A: the light \"below (node 5)\""), "%s", ran.err);
     bytes = stbi_load(in_folder("out/shadow.png"), &wide, &high, &parts, 4);
     REQUIRE(bytes && wide == SIZE && high == SIZE && parts == 4, "%d x %d, %d channels", wide, high, parts);
-    for (i = LIGHTS * SIZE * SIZE / 8; i < LIGHTS * SIZE * SIZE * 7 / 8; i++) {  /* the rows of the floor */
+    for (i = LIGHTS * SIZE * SIZE / 8; i < LIGHTS * SIZE * SIZE * 7 / 8; i++) {  /* the rows of texels on the floor */
         const int light = i % LIGHTS;
         double expected, off;
         x = i / LIGHTS % SIZE;
@@ -107,7 +108,7 @@ TEST(channels_show_lights) {
 #endif
 }
 
-/* The rim of a cone is sharp even if the light is very dim: a filter would take such light for noise. */
+/* The edge of a cone is sharp even if the light is very dim, although a filter would take such light for noise. */
 TEST(rims_are_sharp) {
     unsigned char *bytes;
     int x, y, wide = 0, high = 0, parts = 0, lit = 0;

@@ -1,11 +1,12 @@
-/* Pictures in steps: every stage is divided into pieces; the size of GL submissions follows the limit; programs are
-   compiled when first used, or all ahead; unfinished pictures can be read; finished pictures stay. No test depends on
-   the real time: pieces are counted, or sbl.h gets a clock that advances by a fixed amount per call. */
+/* Tests of pictures in steps. Every stage is divided into pieces; the size of GL submissions follows the limit;
+   programs are compiled when they are first used, or all at the start; unfinished pictures can be read; finished
+   pictures stay readable. No test depends on the real time: the tests count pieces, or give sbl.h a clock that advances
+   by a fixed amount per call. */
 #include <sys/time.h>
 static int clock_of_test(struct timeval *out, void *zone);
 #define gettimeofday clock_of_test
 #define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
+#define SBL_STATIC  /* the compiler then drops unused functions */
 #define SBL_EGL
 #include "../sbl.h"
 #undef gettimeofday
@@ -20,7 +21,7 @@ enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
 static watch seen;
 static test_scene cornell;
 
-static long clock_tick, clock_now;  /* microseconds; a tick of 0 means the real time */
+static long clock_tick, clock_now;  /* in microseconds; a tick of 0: the real time is used */
 
 static int clock_of_test(struct timeval *out, void *zone) {
     (void)zone;
@@ -42,11 +43,11 @@ static sbl_picture_desc view_of(sbl_backend backend) {
     return view;
 }
 
-/* >>pieces */
+/* >>pieces of work */
 
-/* In very short slices, every stage takes several steps, and sbl_begin does neither allocate textures nor compile. */
+/* With very short time slices, every stage takes several steps. sbl_begin neither allocates textures nor compiles. */
 TEST(every_stage_comes_in_pieces) {
-    enum { FILTERS = SBL__PICTURE_DONE, SENSES };  /* parts of stages, which are counted as stages of their own */
+    enum { FILTERS = SBL__PICTURE_DONE, SENSES };  /* parts of stages that the test counts separately */
     static const struct { int stage; int least; const char *name;
     } stages[] = { { SBL__MAP_SURFACE, 4, "the G-buffer" },
                    { SBL__MAP_READ, 1, "reading it" },
@@ -111,7 +112,7 @@ TEST(the_hierarchy_comes_in_pieces) {
     scene_free(&s);
 }
 
-/* Counts the GL calls that draw, store or read in one sbl_render. A lower limit of a submission gives more calls. */
+/* Returns the number of GL calls that draw, write or read in one sbl_render, with the given limit of a submission. */
 static int calls_at(float longest, sbl_backend backend, float *radiance) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(backend);
@@ -142,7 +143,8 @@ TEST(submissions_follow_the_limit) {
     }
 }
 
-/* A step takes the requested time within one piece, and more than half of it, for pictures and for gathers. */
+/* A step ends at most one piece after the requested time, and takes more than half of it. This is true for pictures and
+   for gathers. */
 TEST(steps_keep_to_their_time) {
     enum { BUDGET = 20000, GIVE = 3000, SITES = 40000 };
     static sbl_site sites[SITES];
@@ -186,9 +188,9 @@ TEST(steps_keep_to_their_time) {
     }
 }
 
-/* >>bounced light */
+/* >>steps of bounced light */
 
-/* A gather of a square of sites, large enough to take several steps. */
+/* The gather has so many sites, in a square, that it takes several steps. */
 enum { GATHER_SITES = 64 };
 static sbl_site gather_sites[GATHER_SITES];
 static sbl_reading gather_readings[GATHER_SITES];
@@ -210,7 +212,7 @@ static sbl_readings_desc gather_of(sbl_mode mode) {
     return gather;
 }
 
-/* A small picture; most of its work is filling the store. */
+/* Describes a small picture. Most of its work is filling the store. */
 static sbl_picture_desc bounced_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH / 8, HEIGHT / 8);
     view.options.mode = SBL_MODE_GI;
@@ -227,8 +229,8 @@ static sbl_result bounced_read(sbl_context *context, float *out) {
     return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, BOUNCED);
 }
 
-/* Steps of a given length until the picture is done. counts[stage] is the number of steps that began in that stage of
-   the store. */
+/* Makes steps of a given length until the picture is complete. counts[stage]: receives the number of steps that began
+   in this stage of the store. */
 static sbl_result bounced_steps(sbl_context *context, double seconds, int counts[SBL__BOUNCE_DONE + 1]) {
     sbl_result result = SBL_UNFINISHED;
     int steps = 0;
@@ -269,7 +271,8 @@ TEST(the_store_comes_in_pieces) {
         REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
                 "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
-        /* the stage for light in the air runs only if the host draws, and those for layers only with light groups */
+        /* the stage for light in the air runs only if the host draws, and the stages for layers run only with light
+           groups */
         for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)
             if (stage != SBL__BOUNCE_LAYERS && stage != SBL__BOUNCE_LAYERS_GATHER)
                 CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage,
@@ -288,14 +291,14 @@ static double store_distance(const float *a, const float *b) {
 
 static int cancels(float done, void *user) { (void)done; return --*(int *)user <= 0; }
 
-/* Returns whether the store has begun to measure the light of lamps. */
+/* Returns 1 if the store has begun to measure the light of lamps. */
 static int lit(const sbl_context *context) {
     const sbl__bounce *b = context->core.bounce;
     return b && b->stages.stage == SBL__BOUNCE_LIGHT && b->job.stages.stage == SBL__JOB_READ;
 }
 
-/* A picture is abandoned after each number of short steps, and first while the store measures lamps, by nine kinds of
-   calls. The picture rendered afterwards must be the usual one, to the bit. */
+/* Nine kinds of calls abandon a picture after each number of short steps, first while the store measures lamps. The
+   next complete picture must have the usual bits. */
 TEST(the_store_is_left_at_any_step) {
     static const char *const names[] = { "the same picture again", "an ambient picture", "an ambient gather",
         "a gather with bounced light", "sbl_end", "a move there and back",
@@ -379,9 +382,9 @@ TEST(the_store_is_left_at_any_step) {
     sbl_destroy(context);
 }
 
-/* >>programs */
+/* >>shader programs */
 
-/* Without compile_ahead at most one program is compiled per step; with it, all are compiled by sbl_create. */
+/* Without compile_ahead each step compiles at most one program. With it, sbl_create compiles all programs. */
 TEST(programs_compile_when_used_or_ahead) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context;
@@ -395,7 +398,7 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_programs(context);
-    /* the programs of >>trial */
+    /* those of the section >>trial */
     CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
@@ -422,7 +425,7 @@ TEST(programs_compile_when_used_or_ahead) {
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     view.options.mode = SBL_MODE_PAPER;
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
-    for (k = 0; k < 3; k++) {  /* bounced light: rays, views, and rays that guides direct */
+    for (k = 0; k < 3; k++) {  /* bounced light: rays, views, and rays with a guide */
         sbl_picture_desc bounced = bounced_view();
         bounced.options.backend = k == 1 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
         if (k == 2) bounced.options.rays = 0;
@@ -446,7 +449,7 @@ TEST(programs_compile_when_used_or_ahead) {
     scene_free(&textured);
 }
 
-/* A context keeps all programs that it compiles. Their largest possible number must not exceed SBL__PROGRAMS_MOST. */
+/* A context keeps all programs that it compiles. Their greatest possible number must not exceed SBL__PROGRAMS_MOST. */
 TEST(programs_have_room) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor,
@@ -456,7 +459,7 @@ TEST(programs_have_room) {
     int i, k, all = 0;
     for (i = 0; i < SBL__COUNT(recipes); i++) {
         int variants = 1;
-        for (k = 0; k < SBL__FEATURES; k++)  /* except features that depend on the driver, not on the scene */
+        for (k = 0; k < SBL__FEATURES; k++)  /* features of the driver are omitted: they do not depend on the scene */
             if ((recipes[i]->features & ~(unsigned)(SBL__WRITE_DEPTH | SBL__COMPUTE)) >> k & 1) variants *= 2;
         all += variants;
     }
@@ -464,7 +467,7 @@ TEST(programs_have_room) {
           SBL__PROGRAMS_MOST);
 }
 
-/* >>unfinished pictures */
+/* >>reading unfinished pictures */
 
 static double distance(const float *a, const float *b) {
     double sum = 0;
@@ -473,7 +476,7 @@ static double distance(const float *a, const float *b) {
     return sqrt(sum / (3 * PIXELS));
 }
 
-/* The picture can be read after the first level, and its error falls with each level. */
+/* The picture can be read after the first level, and its error decreases with each level. */
 TEST(each_level_is_sharper) {
     static const sbl_channel channels[] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_FINAL };
     static float whole[2][3 * PIXELS], now[2][3 * PIXELS], last[2][3 * PIXELS];
@@ -507,7 +510,8 @@ TEST(each_level_is_sharper) {
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
             memcpy(last[k], now[k], sizeof last[k]);
             error = distance(now[k], whole[k]);
-            /* Within a level, some pieces may increase the error; which states are visible depends on the pace. */
+            /* Within a level, some pieces may increase the error. The states that a host sees depend on the length of
+               the steps. */
             if (before[k] > 0)
                 CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k],
                       error);
@@ -535,7 +539,7 @@ TEST(each_level_is_sharper) {
 }
 
 /* Makes a picture, and reads FINAL into `preview` once, `late` steps after R is final. Returns 0 if the picture is
-   finished before. out: receives FINAL of the finished picture */
+   complete before. out: receives FINAL of the complete picture */
 static int late_preview(sbl_context *context, const sbl_picture_desc *view, int late, float *preview, float *out) {
     sbl_result result = sbl_begin_picture(context, view) == SBL_SUCCESS ? SBL_UNFINISHED : SBL_ERROR_STATE;
     int steps = -1, read = 0;
@@ -551,8 +555,8 @@ static int late_preview(sbl_context *context, const sbl_picture_desc *view, int 
     return read;
 }
 
-/* A preview that is first asked for after R is final shows one sample at the centre of each pixel, with the emission
-   there, and does not change the finished picture, whichever samples have been drawn. */
+/* A preview that is first read after R is final shows one sample at the centre of each pixel, with the emission there.
+   Reading it does not change the finished picture, whichever samples have been drawn before. */
 TEST(late_previews_change_nothing) {
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE), single = view;
     sbl_context *context = watch_context(&seen, NULL, &cornell);
@@ -573,8 +577,8 @@ TEST(late_previews_change_nothing) {
     sbl_destroy(context);
 }
 
-/* The number of looks that refinement foresees is exact in the end, and close as soon as it is called sure. Progress
-   grows to 1. */
+/* The predicted number of looks is exact at the end of refinement, and close to the final number as soon as it is
+   reported as certain. Progress increases to 1. */
 TEST(refinement_foresees_its_looks) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
@@ -616,7 +620,7 @@ TEST(refinement_foresees_its_looks) {
     sbl_destroy(context);
 }
 
-/* Channels that show surfaces alone can be read before the first sensor has measured, and are final then. */
+/* Channels that show only surfaces can be read before the first sensor has measured, and are final then. */
 TEST(surfaces_are_shown_before_sensors) {
     static const sbl_channel channels[] = { SBL_CHANNEL_ALBEDO, SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION,
                                             SBL_CHANNEL_ID, SBL_CHANNEL_DEPTH };
@@ -643,12 +647,12 @@ TEST(surfaces_are_shown_before_sensors) {
     sbl_destroy(context);
 }
 
-/* What a host sees that asks for the picture before each step, from step number `from` on: numbers of steps until the
-   first picture and until the store was ready, and the mean R of the first picture. */
+/* Results for a host that reads the picture before each step, starting with step `from`: the number of steps in all,
+   before the first readable picture and before the store is ready, and the mean R of the first picture. */
 typedef struct watching { int steps, first, store; float mean; } watching;
 
-/* Makes a picture with bounced light in the shortest steps, and counts them. Progress must not decrease, and a picture
-   that was readable must stay so. */
+/* Makes a picture with bounced light in steps of the shortest length and returns the counts. Progress must not
+   decrease, and a picture that was readable must stay readable. */
 static watching watch_bounces(sbl_context *context, const sbl_picture_desc *view, int from) {
     static float now[3 * PIXELS];
     watching w = { 0, -1, -1, 0 };
@@ -675,8 +679,8 @@ static watching watch_bounces(sbl_context *context, const sbl_picture_desc *view
     return w;
 }
 
-/* A host that watches gets a picture of direct light before bounced light is stored, and in the end the picture and the
-   statistics that a host gets that does not watch. It may begin to watch at any time. */
+/* A host that reads unfinished pictures gets a picture of direct light before the bounced light is stored. At the end
+   it gets the same picture and statistics as a host that does not read them. It may start reading at any time. */
 TEST(direct_light_is_shown_first) {
     static float whole[5][3 * PIXELS], now[3 * PIXELS];
     static const sbl_channel channels[5] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_STORE,
@@ -728,7 +732,7 @@ TEST(direct_light_is_shown_first) {
     sbl_destroy(context);
 }
 
-/* >>lifetimes */
+/* >>lifetime of pictures */
 
 /* A finished picture stays readable while other work is begun, fails or is refused, until sbl_end. */
 TEST(a_finished_picture_stays) {
@@ -790,9 +794,9 @@ TEST(a_finished_picture_stays) {
     sbl_destroy(context);
 }
 
-/* >>inspected sensors agree with the picture */
+/* >>inspected sensors */
 
-/* Sheet, rays and lamps of an inspected sensor add up to its R, and R is the picture's. */
+/* The sheet, the rays and the lamps of an inspected sensor add up to its R, which equals R of the picture. */
 TEST(inspection_adds_up) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -849,8 +853,8 @@ TEST(inspection_adds_up) {
     sbl_destroy(context);
 }
 
-/* A pixel without a sensor gets one for the inspection, with sensed = 0. A pixel with a sensor reports the level that
-   SBL_CHANNEL_SENSORS shows. */
+/* The inspection of a pixel without a sensor makes a sensor with sensed = 0. A pixel with a sensor reports the level
+   that SBL_CHANNEL_SENSORS shows. */
 TEST(inspection_tells_levels) {
     static float levels[PIXELS];
     sbl_context_desc desc = watch_desc(&seen);
@@ -876,7 +880,7 @@ TEST(inspection_tells_levels) {
     sbl_destroy(context);
 }
 
-/* The statistics report the lamps, triangles and bytes of the Cornell box. */
+/* The statistics report the numbers of lamps and triangles and the bytes of the Cornell box. */
 TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -909,8 +913,8 @@ TEST(nothing_is_left) {
           seen.blocks, seen.strangers);
 }
 
-/* The lamps become twice as bright after some leaves have been divided and before the others are. No leaf may be lost,
-   so the light doubles. */
+/* The lamps become twice as bright after some leaves have been divided and before the others are divided. The light
+   must double, because no leaf may be lost. */
 TEST(lamps_change_while_leaves_are_divided) {
     static float before[BOUNCED], after[BOUNCED];
     sbl_context_desc desc = watch_desc(&seen);

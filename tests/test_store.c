@@ -1,5 +1,5 @@
-/* Tests of the store of bounced light: reuse for further pictures, updates for other lamps, saving and loading, its
-   channel in pictures, and surfaces without sensors. */
+/* Tests of the store of bounced light: its use by later pictures, its update after a change of lamps, saving and
+   loading, its channel in pictures, and surfaces without sensors. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -13,7 +13,7 @@ static watch seen;
 static sbl_context *context;
 static test_scene scene;
 
-/* A stream in memory that ends at `room`. */
+/* A stream in memory. Writing fails beyond `room` bytes, and reading ends there. */
 static struct { unsigned char bytes[STREAM]; size_t count, at, room; } stream;
 
 static size_t put(const void *data, size_t bytes, void *user) {
@@ -32,7 +32,7 @@ static size_t get(void *data, size_t bytes, void *user) {
     return bytes;
 }
 
-/* A room with a lamp, a point light and a textured box. */
+/* Makes a room with a lamp, a point light and a textured box. */
 static void make_room(test_scene *s) {
     static const unsigned char checks[2 * 2 * 3] = { 255, 200, 100, 30, 60, 90, 30, 90, 60, 200, 255, 100 };
     memset(s, 0, sizeof *s);
@@ -54,7 +54,7 @@ static sbl_result set(const test_scene *s) {
     return sbl_set_scene(context, &desc);
 }
 
-/* Creates a new context and sets the scene as it is now. */
+/* Creates a new context and sets the current scene. Returns 0 on failure. */
 static int start(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_destroy(context);
@@ -64,7 +64,7 @@ static int start(void) {
 
 static struct { sbl_light light; float emission; uint32_t flags; int64_t rays; } first_lamp;
 
-/* Measures light at sites all over the room. */
+/* Measures the light at sites in all parts of the room. */
 static sbl_result gather(sbl_reading readings[SITES]) {
     sbl_readings_desc desc;
     sbl_site sites[SITES];
@@ -94,8 +94,8 @@ static sbl_picture_desc view_of(float x) {
     return view;
 }
 
-/* Checks that the light equals that of a new context, to the bit. bounced: whether the store had to be filled for
-   it. */
+/* Checks that the light equals that of a new context, to the bit. bounced: 1: the light must have needed rays that fill
+   the store */
 static void same_as_fresh(const char *what, int bounced) {
     static sbl_reading here[SITES], fresh[SITES];
     REQUIRE(gather(here) == SBL_SUCCESS, "%s: %s", what, watch_last(&seen));
@@ -106,9 +106,9 @@ static void same_as_fresh(const char *what, int bounced) {
           (double)here[0].radiance[0], (double)fresh[0].radiance[0]);
 }
 
-/* >>reused and updated */
+/* >>reuse and updates of the store */
 
-/* Returns the mean difference between readings, relative to the mean of the first ones. */
+/* Returns the mean difference of two sets of readings, relative to the mean of the first set. */
 static double apart(const sbl_reading one[SITES], const sbl_reading other[SITES]) {
     double sum = 0, off = 0;
     int i;
@@ -119,8 +119,8 @@ static double apart(const sbl_reading one[SITES], const sbl_reading other[SITES]
     return off / sum;
 }
 
-/* Sets other lamps, or the first ones again, and measures. Only points may send rays, to find out whether they are
-   stuck, and not surfaces. */
+/* Sets other lamps (others = 1) or the first ones, and measures. Checks that few rays are traced: only points may send
+   rays, which find out whether they are stuck. Returns 0 on failure. */
 static int measure_lamps(int others, sbl_reading readings[SITES]) {
     scene.materials[LAMP].emission[0] = others ? 1.0f : first_lamp.emission;
     scene.materials[LAMP].flags = others ? SBL_MATERIAL_ONE_SIDED_EMISSION : first_lamp.flags;
@@ -137,8 +137,9 @@ static int measure_lamps(int others, sbl_reading readings[SITES]) {
     return 1;
 }
 
-/* Other lamps change the light without a ray between surfaces. As the leaves stay divided as for the first lamps, the
-   light is close to that of a new context. It does not depend on the lamps that came between. */
+/* A change of lamps changes the light without new rays between surfaces. The leaves stay divided as for the first
+   lamps; therefore the light is only close to that of a new context. It does not depend on the lamps between the first
+   ones and the current ones. */
 TEST(lamps_change_what_surfaces_fixed_stays) {
     static sbl_reading before[SITES], after[SITES], first[SITES], again[SITES], fresh[SITES];
     make_room(&scene);
@@ -161,7 +162,7 @@ TEST(lamps_change_what_surfaces_fixed_stays) {
     scene_free(&scene);
 }
 
-/* Other surfaces fill the store again; the result equals a new context's. */
+/* A change of surfaces fills the store again. The result equals that of a new context. */
 TEST(surfaces_change) {
     static sbl_reading before[SITES];
     make_room(&scene);
@@ -178,7 +179,7 @@ TEST(surfaces_change) {
     scene_free(&scene);
 }
 
-/* Refused materials and lights leave the light as it was, to the bit. */
+/* Materials and lights that are refused do not change the light, to the bit. */
 TEST(refused_changes_change_nothing) {
     static sbl_reading before[SITES], after[SITES];
     sbl_picture_desc view = view_of(0.5f);
@@ -218,7 +219,7 @@ TEST(refused_changes_change_nothing) {
     scene_free(&scene);
 }
 
-/* sbl_end frees the rays of the store even if the work that traced them has been dropped. */
+/* sbl_end frees the rays of the store even if the work that traced them was abandoned. */
 TEST(the_end_frees_rays) {
     static sbl_reading readings[SITES];
     size_t with, without;
@@ -235,9 +236,10 @@ TEST(the_end_frees_rays) {
     scene_free(&scene);
 }
 
-/* >>streams */
+/* >>saving to streams and loading */
 
-/* Loads the stream, which must be refused with this item and these words. The light must not change. */
+/* Loads the stream. The call must fail with a message that has this item and contains these words, and the light must
+   not change. */
 static void refused(const char *what, sbl_log_item item, const char *words) {
     static sbl_reading readings[SITES];
     stream.at = 0;
@@ -269,14 +271,15 @@ TEST(saved_and_loaded) {
     scene_free(&scene);
 }
 
-/* Starts with the scene as it is now, measures light, and saves the store to the stream. */
+/* Creates a context with the current scene, measures light, and saves the store to the stream. Returns 0 on failure. */
 static int start_and_save(sbl_reading readings[SITES]) {
     stream.count = stream.at = 0;
     stream.room = STREAM;
     return start() && gather(readings) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS;
 }
 
-/* Damaged and incomplete streams, and streams of other versions and machines, are refused with their own messages. */
+/* Damaged and incomplete streams, and streams of other versions and machines, are refused, each with its own
+   message. */
 TEST(streams_that_are_refused) {
     static const char *const words[] = { "not stored light", "another version", "byte order" };
     static sbl_reading made[SITES];
@@ -290,7 +293,7 @@ TEST(streams_that_are_refused) {
         refused(words[i], i ? SBL_LOG_ITEM_OTHER_STORE : SBL_LOG_ITEM_INVALID_STORE, words[i]);
         stream.bytes[place] ^= 0x40;
     }
-    for (i = 0; i < 44; i++) {  /* flips one bit at 4 places of the scene's hashes and 40 places behind the header */
+    for (i = 0; i < 44; i++) {  /* flips one bit, 4 times in the hashes of the scene and 40 times after the header */
         const size_t at = i < 4 ? 16 + 8 * i : 80 + (whole - 80) * (i - 4) / 40;
         stream.bytes[at] ^= (unsigned char)(1 << i % 8);
         refused("a bit", SBL_LOG_ITEM_INVALID_STORE, "");
@@ -306,7 +309,7 @@ TEST(streams_that_are_refused) {
     scene_free(&scene);
 }
 
-/* Gives the room a sky picture. */
+/* Makes the room, with a sky picture. */
 static void make_room_with_sky(test_scene *s) {
     float sky[4 * 2 * 3];
     int i;
@@ -316,7 +319,8 @@ static void make_room_with_sky(test_scene *s) {
     s->environment.picture = s->textures[--s->texture_count];
 }
 
-/* Changes something that stored light depends on. Returns the words that must name it; NULL: there is no such change */
+/* Makes change `number` to the scene, which the stored light depends on. Returns the words by which the message must
+   name it, or NULL if there is no such change. */
 static const char *change(test_scene *s, int number) {
     static const float tilted[12] = { 0.1f, -1, 0, 0.1f, -1, 0, 0.1f, -1, 0, 0.1f, -1, 0 };
     sbl_mesh *lamp = s->meshes;
@@ -344,8 +348,8 @@ static const char *change(test_scene *s, int number) {
     }
 }
 
-/* Light of another scene is refused, and the message names exactly the parts that differ. A stream of another scene
-   that is not whole is refused as damaged. */
+/* A stored light of another scene is refused, and the message names exactly the parts of the scene that differ. An
+   incomplete or damaged stream of another scene is refused as damaged. */
 TEST(parts_that_differ_are_named) {
     static sbl_reading made[SITES];
     const char *words, *end;
@@ -380,7 +384,8 @@ TEST(parts_that_differ_are_named) {
     scene_free(&scene);
 }
 
-/* Light that was made with fewer cells than the scene allows is loaded with a warning, and is saved as what it is. */
+/* Light that was made with fewer cells than the scene allows is loaded with a warning. It is saved with its own number
+   of cells. */
 TEST(coarse_light_is_told) {
     static sbl_reading made[SITES];
     sbl_scene_desc desc;
@@ -389,8 +394,8 @@ TEST(coarse_light_is_told) {
     REQUIRE(start_and_save(made), "%s", watch_last(&seen));
     desc = scene_desc(&scene);
     for (i = 0; i < 4; i++) {
-        const int limit = i % 2 ? 4096 : 1024, coarse = limit > 2048;  /* `set` allows 2048 */
-        if (i == 2) {  /* the loaded light, saved from a scene with another limit */
+        const int limit = i % 2 ? 4096 : 1024, coarse = limit > 2048;  /* the saved scene allows 2048 */
+        if (i == 2) {  /* saves the loaded light from a scene with another limit */
             stream.count = 0;
             REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
         }
@@ -405,10 +410,10 @@ TEST(coarse_light_is_told) {
     scene_free(&scene);
 }
 
-/* The default of max_bounce_cells grows with the number of triangles, within limits. The warning about coarse light
-   tells the number. */
+/* The default of max_bounce_cells increases with the number of triangles, within limits. The warning about coarse light
+   names the number of cells. */
 TEST(more_triangles_get_more_cells) {
-    static const struct { int slices, stacks; const char *cells; } balls[] = {  /* 26 triangles are in the room */
+    static const struct { int slices, stacks; const char *cells; } balls[] = {  /* the room has 26 triangles */
         { 8, 5, "49152" }, { 200, 101, "60039" }, { 400, 166, "196608" } };
     static sbl_reading made[SITES];
     int i;
@@ -435,7 +440,7 @@ static uint32_t word_of(size_t number) {
     return word;
 }
 
-/* Puts a word into the stream and gives it a valid checksum. */
+/* Replaces word `number` of the stream, and updates its checksum. */
 static void forge(size_t number, uint32_t word) {
     uint64_t sum;
     memcpy(stream.bytes + 4 * number, &word, 4);
@@ -443,9 +448,10 @@ static void forge(size_t number, uint32_t word) {
     memcpy(stream.bytes + stream.count - 8, &sum, 8);
 }
 
-/* Streams with a valid checksum and one value that no store has: each kind is refused. */
+/* A stream with a valid checksum and one value that no store can have is refused. The test tries one value of each
+   kind. */
 TEST(forged_values_are_refused) {
-    enum { TRIANGLES = 13, CELLS, CUTS, LEAVES, ORIGIN = 18, LENGTH = 21, AIR = 22, PATCHES = 40 };  /* words */
+    enum { TRIANGLES = 13, CELLS, CUTS, LEAVES, ORIGIN = 18, LENGTH = 21, AIR = 22, PATCHES = 40 };  /* 32-bit words */
     static sbl_reading readings[SITES];
     size_t cells, leaves, places[8];
     int i;
@@ -459,13 +465,13 @@ TEST(forged_values_are_refused) {
     places[1] = ORIGIN + 1;
     places[2] = LENGTH;
     places[3] = AIR + 17;
-    places[4] = cells + 11;       /* the reference of the sixth slot */
-    places[5] = leaves - 8 + 4;   /* a side of the last cut, */
-    places[6] = leaves - 8 + 2;   /* and its normal */
-    places[7] = stream.count / 4 - 2 - 3;  /* green of the last leaf */
+    places[4] = cells + 11;       /* the reference in the sixth slot */
+    places[5] = leaves - 8 + 4;   /* a child of the last cut */
+    places[6] = leaves - 8 + 2;   /* the normal of the last cut */
+    places[7] = stream.count / 4 - 2 - 3;  /* the green channel of the last leaf */
     for (i = 0; i < 8; i++) {
         const uint32_t word = word_of(places[i]);
-        forge(places[i], 0x7fc00000u);  /* NaN as a float, and too large for a reference or a count */
+        forge(places[i], 0x7fc00000u);  /* a NaN as a float, and too large as a reference or a count */
         refused("a forged value", SBL_LOG_ITEM_INVALID_STORE, "damaged");
         forge(places[i], word);
     }
@@ -474,8 +480,8 @@ TEST(forged_values_are_refused) {
     scene_free(&scene);
 }
 
-/* Streams with a valid checksum and wrong contents: references that are out of range or circular, and light that is not
-   finite. They are refused, or give finite light. */
+/* Streams may have a valid checksum and wrong contents: references that are out of range or circular, and light that is
+   not finite. Such streams are refused, or give finite light. */
 TEST(forged_streams_do_no_harm) {
     static sbl_reading readings[SITES];
     uint32_t state = 7;
@@ -505,7 +511,7 @@ TEST(forged_streams_do_no_harm) {
     scene_free(&scene);
 }
 
-/* >>progress */
+/* >>progress of the store */
 
 static struct { int calls, stop_at; float last; int falls; } told;
 
@@ -516,7 +522,7 @@ static int on_progress(float done, void *user) {
     return ++told.calls == told.stop_at;
 }
 
-/* Even in a single call the store is filled in pieces. Each calls the progress callback, which can cancel. */
+/* Even in a single call the store is filled in pieces. Each piece calls the progress callback, which can cancel. */
 TEST(progress_covers_the_store) {
     sbl_picture_desc view = view_of(0.5f);
     int calls;
@@ -540,8 +546,8 @@ TEST(progress_covers_the_store) {
 
 /* >>SBL_CHANNEL_STORE */
 
-/* SBL_CHANNEL_STORE shows R as the store has it. Surfaces without sensors get their R from it. In other modes it is
-   0. */
+/* SBL_CHANNEL_STORE shows R as the store has it. Surfaces without sensors get R from the store. In modes without
+   bounced light the channel is 0. */
 TEST(pictures_of_the_store) {
     static float stored[3 * PIXELS], light[3 * PIXELS], excluded[3 * PIXELS], sensors[PIXELS], ids[PIXELS];
     sbl_picture_desc view = view_of(0.5f);
@@ -570,7 +576,8 @@ TEST(pictures_of_the_store) {
     }
     CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
     CHECK(fabs(box[0] / box[1] - 1) < 0.15, "R of the box is %g of the R that sensors find", box[0] / box[1]);
-    /* Sensors that start again with guided rays, because looks are too noisy for the target, do not stand there. */
+    /* If looks are too noisy for the target, sensors start again with guided rays. This must not place sensors on
+       surfaces without sensors. */
     view.options.rays = 0;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = sensed = 0; i < PIXELS; i++)

@@ -1,15 +1,16 @@
 #!/bin/sh
-# Tests of scenes from untrusted sources: they may refer only to files in their own folder, and must not use more memory
-# than allowed. The tests run the tool as a user would; tests/test_reader.c tests the process that reads scenes.
+# Tests of scenes from untrusted sources. They may refer only to files in their own folder, and must not use more memory
+# than allowed. These tests run the tool as a user would; tests/test_reader.c tests the process that reads scenes.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 tool="$PWD/${BUILD_DIR:-build}/sbl_render"
 [ "${BUILD_DIR:-build}" = build/sanitize ] && sanitized=1 || sanitized=
-folder=$(cd "$folder" && pwd -P)  # messages print the resolved path
+folder=$(cd "$folder" && pwd -P)  # messages contain the resolved path
 
-# >>files: a scene in $folder/scene, and files that it must not read in $folder/secret
+# >>files: scenes in $folder/scene; files in $folder/secret and $folder/scene_too, which sbl_render must not read
+# through a scene without --allow-path
 
 mkdir "$folder/scene" "$folder/scene/inside" "$folder/secret" "$folder/scene_too"
 python3 - "$folder" << 'END'
@@ -67,7 +68,7 @@ write("scene/of_moved.mtl", "newmtl m\nmap_Kd %s/secret/moved.png\n" % folder)  
 write("secret/moved.png", picture)
 write("scene/moved.png", picture)
 
-# scenes that are small as files, but large in memory
+# the files of these scenes are small, but their contents need much memory
 write("scene/broad.png", png(16384, 16384, 1))
 write("scene/of_broad.mtl", "newmtl m\nmap_Kd broad.png\n")
 write("scene/broad.obj", obj("of_broad.mtl"))
@@ -80,7 +81,8 @@ write("scene/many.gltf", gltf(data, positions, indices, 400))
 write("scene/few.gltf", gltf(data, positions, indices, 4))
 END
 
-# render SCENE [OPTIONS...]: leaves the exit status in $status, the messages in $folder/errors
+# render SCENE [OPTIONS...]: runs sbl_render. It sets $status to the exit status, and writes the messages to
+# $folder/errors.
 render() {
     rendered=$1
     shift
@@ -92,7 +94,7 @@ render() {
     cat "$folder/errors"
 }
 renders() { render "$@"; [ "$status" = 0 ] && [ ! -s "$folder/errors" ] && [ -s "$folder/out.pfm" ]; }
-# fails WORDS SCENE [OPTIONS...]: must fail with one line that contains all the words, and without a picture
+# fails WORDS SCENE [OPTIONS...]: sbl_render must fail with one line that contains all the words, and write no picture
 fails() {
     words=$1
     shift
@@ -102,7 +104,7 @@ fails() {
 }
 
 here() { (cd "$folder/scene" && "$@"); }
-# assimp takes an absolute path as relative to the scene's folder, unless that is the current folder
+# assimp takes an absolute path as relative to the folder of the scene, unless this is the current folder
 for kind in buffer_absolute.gltf:triangle.bin library_absolute.obj:library.mtl texture_absolute.obj:picture.png; do
     check "${kind%%.*}_is_refused" here fails "$folder/secret/${kind#*:} --allow-path" "${kind%:*}"
     check "${kind%%.*}_is_allowed" here renders "${kind%:*}" --allow-path "$folder/secret"
@@ -116,7 +118,7 @@ for way in above roundabout door; do
 done
 check buffer_link_is_refused fails "$folder/secret/triangle.bin --allow-path" "$folder/scene/buffer_link.gltf"
 check texture_link_is_refused fails "$folder/secret/picture.png --allow-path" "$folder/scene/texture_link.obj"
-# a folder whose name begins with that of the scene's folder
+# the name of this folder begins with the name of the scene's folder
 check a_like_name_is_refused fails "$folder/scene_too/triangle.bin --allow-path" "$folder/scene/buffer_beside.gltf"
 for option in "--allow-path=$folder/secret" "--allow-path=$folder/secret/.." "--allow-path=$folder/scene/door"; do
     check "allowed_${option##*/}_buffer" renders "$folder/scene/buffer_above.gltf" "$option"
@@ -141,15 +143,15 @@ for scene in buffer_inside.gltf buffer_home.gltf texture_inside.obj texture_move
     check "${scene%.*}_is_read_through_a_link" renders "$folder/again/$scene"
     check "${scene%.*}_is_read_from_here" here renders "$scene"
 done
-# without standard handles: handles of folders must not be mistaken for them
+# without stdin and stdout: the tool must not mistake descriptors of folders for them
 bare_handles() { (renders "$folder/scene/texture_inside.obj" <&-); }
 check without_stdin bare_handles
-# files named on the command line may be anywhere
+# files on the command line may be in any folder
 check the_sky_lies_anywhere renders "$folder/scene/few.gltf" --sky "$folder/secret/picture.png" --quiet
 ln -s "$folder/scene/few.gltf" "$folder/secret/linked.gltf"
 check a_scene_may_be_a_link renders "$folder/secret/linked.gltf"
 
-# >>messages about the confinement of the reader
+# >>messages about the confinement of the process that reads scenes
 
 is_told() {
     render "$folder/scene/few.gltf" --verbose --quiet
@@ -159,9 +161,9 @@ is_told() {
 }
 check verbose_tells_what_confines is_told
 
-# >>memory
+# >>memory limits
 
-# within MEGABYTES COMMAND...: tests the peak memory, including child processes
+# within MEGABYTES COMMAND...: tests the peak memory of the command, including its child processes
 within() {
     python3 - "$@" << 'END'
 import os, subprocess, sys
@@ -189,7 +191,7 @@ if [ "$sanitized" ]; then
 else
     check a_broad_picture_takes_nothing within 300 "$tool" "$folder/scene/broad.obj" --memory 512M -o "$folder/out.pfm"
     check many_uses_take_nothing within 300 "$tool" "$folder/scene/many.gltf" --memory 256M -o "$folder/out.pfm"
-    # the tool fails with a message or succeeds, whatever the limit is
+    # whatever the limit is, the tool succeeds or fails with a message
     small() {
         for megabytes in 30 50 100 200 300 400 500 600 700 900 1200; do
             (ulimit -v $((1000 * megabytes)) && render "$folder/scene/few.gltf" "$@"; exit "$status")
@@ -202,7 +204,7 @@ else
     check ulimit_is_honoured_with_large_wishes small --memory 100G
 fi
 
-# >>a scene without light gets a studio, and the tool says so, unless an option sets the sky
+# >>the studio: a scene without light gets a sky, with a message, unless an option sets the sky
 
 printf 'v -1 0 -1\nv -1 0 1\nv 1 0 1\nv 1 0 -1\nf 1 2 3 4\n' > "$folder/dark.obj"
 mean_of() { python3 -c 'import array, sys

@@ -1,6 +1,7 @@
-/* Two threads, each with its own GL context and sbl.h context, make all kinds of calls at the same time. Each must get
-   the same results as when it runs alone, to the bit. scripts/test also runs this with the thread sanitizer, which
-   finds shared data even if results are right; tests/support/tsan.supp lists the driver's part. */
+/* Two threads, each with its own GL context and its own sbl.h context, make all kinds of calls at the same time. Each
+   must get the same results as when it runs alone, to the bit. scripts/test also runs this program with the thread
+   sanitizer, which finds shared data even if the results are right. tests/support/tsan.supp lists the functions of the
+   driver. */
 #define _POSIX_C_SOURCE 200809L
 #include "../sbl.h"
 #include <pthread.h>
@@ -25,7 +26,7 @@ typedef struct worker {
     pthread_barrier_t *barrier;  /* NULL: no other thread runs */
     watch log;
     sbl_context *context;
-    test_scene scene;            /* with a different sky for each thread */
+    test_scene scene;            /* the sky differs between the threads */
     output outputs[ROUNDS];
 } worker;
 
@@ -34,8 +35,8 @@ static worker workers[THREADS];
 static EGLDisplay display;
 static EGLConfig config;
 
-/* In even rounds the sbl.h context uses the thread's GL context; otherwise it has its own, which it makes current in
-   each call. */
+/* Creates the context of a round. In even rounds the sbl.h context uses the GL context of the thread. In odd rounds it
+   has its own GL context, which it makes current in each call. */
 static sbl_result create(worker *w, output *out) {
     sbl_context_desc desc = watch_desc(&w->log);
     (void)out;
@@ -75,7 +76,7 @@ static sbl_result inspect(worker *w, output *out) {
     sbl_result result = SBL_ERROR_INVALID_ARGUMENT;
     sbl_sensor sensor;
     int i;
-    /* the first pixel that shows a surface */
+    /* finds the first pixel that shows a surface */
     for (i = 0; i < SMALL_PIXELS && result == SBL_ERROR_INVALID_ARGUMENT; i++)
         result = sbl_inspect_sensor(w->context, i % SMALL_WIDTH, i / SMALL_WIDTH, &sensor, out->radiance, out->weights,
                                     SHEET);
@@ -100,8 +101,8 @@ static sbl_result gather(worker *w, output *out) {
 static sbl_result destroy(worker *w, output *out) { (void)out; sbl_destroy(w->context); return SBL_SUCCESS; }
 
 static void *work(void *user) {
-    /* The threads wait for each other before each call: the driver's locks put calls in an order, and calls in an order
-       show no race. */
+    /* The threads wait for each other before each call. Otherwise the locks of the driver could order the calls, and
+       the sanitizer finds no race between ordered calls. */
     static sbl_result (*const calls[])(worker *, output *) = {
         create, set_scene, move, rasterise, read_rasterised, inspect, trace, read_traced, inspect, gather, destroy
     };
@@ -129,7 +130,8 @@ static void *work(void *user) {
     return NULL;
 }
 
-/* The references also run in threads of their own, so that the sanitizer sees the same kind of code in both tests. */
+/* Each thread gets its reference results while it runs alone. This test uses threads, too, so that the sanitizer checks
+   the same code in both tests. */
 TEST(one_thread_at_a_time) {
     pthread_t thread;
     int i;

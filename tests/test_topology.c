@@ -1,7 +1,8 @@
-/* Tests without GL of topology, solver, the solution of seams, interpolation and bounces: hash tables, welding, shared
-   sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf. */
+/* Tests without GL of the sections topology, solver, seams, interpolation and bounces of sbl.h: hash tables, welding of
+   vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a silhouette, and light of
+   a leaf. */
 #define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
+#define SBL_STATIC  /* the compiler then drops unused functions */
 #include "../sbl.h"
 #include "support/test.h"
 
@@ -18,8 +19,8 @@ static sbl__slice slice_of(double seconds) {
 
 static int same_tens(const void *user, uint32_t one, uint32_t other) { (void)user; return one / 10 == other / 10; }
 
-/* All numbers have the same hash, so that they are in one chain. Equal numbers are found, and the chain keeps its
-   order. */
+/* All keys of this test have the same hash; therefore they are in one chain. Equal keys are found, and the chain keeps
+   its order. */
 TEST(numbers_are_found_in_order) {
     sbl__hash_table t = { NULL, 0 };
     uint32_t i, slot = 7, wrong = 0;
@@ -40,7 +41,7 @@ TEST(zeroes_are_the_same) {
     CHECK(sbl__same_floats(a, c, 2), "the third float is compared");
 }
 
-/* Positions are compared by value, within one mesh only. */
+/* Positions of one mesh are compared by value. Equal positions of two meshes are different. */
 TEST(places_are_a_meshs) {
     sbl__vertex v[3];
     sbl__geometry g;
@@ -56,8 +57,8 @@ TEST(places_are_a_meshs) {
     CHECK(!sbl__same_position(&g, 0, 2), "different positions are the same place");
 }
 
-/* Two triangles that share a side in the same order of corners, a third that touches them only in a corner, and a
-   fourth that shares a side with the second in the reverse order. */
+/* The test has four triangles: two that share an edge with the same order of corners; a third that touches them only at
+   a corner; and a fourth that shares an edge with the second in the reverse order. */
 TEST(sides_are_shared) {
     static const uint32_t corners[12] = { 0, 1, 2, 1, 2, 3, 3, 4, 5, 3, 2, 6 };
     static const uint32_t first[12] = { 0, 1, 2, 1, 4, 5, 6, 7, 8, 4, 10, 11 };
@@ -73,7 +74,7 @@ TEST(sides_are_shared) {
     sbl__hash_table_free(&base, &t);
 }
 
-/* The root of a group is its least number, in whatever order its members are joined. */
+/* The root of a group is its smallest index, whatever the order is in which its members are joined. */
 TEST(groups_have_their_least_number) {
     enum { COUNT = 1000 };
     static uint32_t parents[COUNT];
@@ -103,8 +104,8 @@ static void mean_of_neighbours(void *user, int thing) {
     values[thing] = sum / count;
 }
 
-/* Values spread from the left column, where each is its row, over `last` columns; each value becomes the mean of
-   three. */
+/* Spreads values from the left column over `last` columns, and checks the result. In the left column each value is its
+   row; each further value is the mean of the three adjacent values on its left. */
 static void spread(int last) {
     sbl__slice slice = slice_of(0);
     int i, x, y;
@@ -134,14 +135,15 @@ static void spread(int last) {
     sbl__rings_free(&base, &rings);
 }
 
-/* Values spread to the last column, or to fewer, in rings of equal distance. */
+/* Values spread to the last column, or to fewer columns, in rings of equal distance. */
 TEST(values_spread_ring_by_ring) {
     spread(GRID_WIDTH);
     spread(3);
     spread(0);
 }
 
-/* A least squares problem of random rows plus a small multiple of the identity, compared with elimination. */
+/* Makes a least squares problem of random rows and a small multiple of the identity, whose solution is compared with
+   elimination. */
 enum { UNKNOWNS = 12, ROWS = 20 };
 static double rows[ROWS][UNKNOWNS];
 
@@ -155,7 +157,7 @@ static void row_term(void *user, int row, const double *direction, double *produ
     }
 }
 
-/* Solves the dense system without the channels whose diagonal is 0. */
+/* Solves the dense system without the unknowns whose diagonal is 0. */
 static void eliminate(int channel, const double *diagonal, const double *right, double identity, double *out) {
     double m[UNKNOWNS][UNKNOWNS + 1];
     int i, j, k;
@@ -196,7 +198,7 @@ static void solve(int together, int preconditioned, double identity, int bound) 
         if (bound && i % 5 == 0) diagonal[i] = 0;
         s.diagonal[i] = diagonal[i];
     }
-    for (run = 0; run < 2; run++) {  /* the second right side must not depend on the first */
+    for (run = 0; run < 2; run++) {  /* the solution of the second right-hand side must not depend on the first */
         for (i = 0; i < 3 * UNKNOWNS; i++) {
             s.solution[i] = 0;
             s.residual[i] = right[i] = i % 3 == 2 && run ? 0 : sbl__hash(seed++) / 4294967296.0;
@@ -213,7 +215,8 @@ static void solve(int together, int preconditioned, double identity, int bound) 
     sbl__solver_free(&base, &s);
 }
 
-/* The solver agrees with elimination, with and without preconditioning, fixed unknowns and joint channels. */
+/* The solver agrees with elimination, with and without preconditioning, fixed unknowns and channels that are solved
+   together. */
 TEST(least_squares_are_solved) {
     solve(0, 1, 0, 0);
     solve(0, 1, 0.1, 1);
@@ -229,8 +232,8 @@ static void power_term(void *calls, int unused, const double *direction, double 
     ++*(int *)calls;
 }
 
-/* Channel k has only unknown k on its right side, so that one iteration solves each channel by itself. Together the
-   channels have three eigenvalues, which need three iterations. */
+/* In the right-hand side of channel k, only unknown k is not 0. Therefore one iteration solves each channel by itself.
+   Solved together, the channels have three eigenvalues, which need three iterations. */
 TEST(channels_are_solved_apart) {
     int together, i;
     for (together = 0; together < 2; together++) {
@@ -262,7 +265,7 @@ static void counted_term(void *calls, int row, const double *direction, double *
     row_term(NULL, row, direction, product);
 }
 
-/* A solution that goes on with a small residual need not be more accurate than the first one was. */
+/* A solution that is continued from a small residual need not become more accurate than the first one. */
 TEST(a_solution_that_goes_on_is_soon_done) {
     sbl__slice slice = slice_of(1e-9);
     const double rights[4] = { 1, 1e-2, 1, 1e-5 };
@@ -287,7 +290,7 @@ TEST(a_solution_that_goes_on_is_soon_done) {
     sbl__solver_free(&base, &s);
 }
 
-/* A right side of 0 is solved by 0, in one step. */
+/* A right-hand side of 0 gives the solution 0 in one step. */
 TEST(zero_is_solved_at_once) {
     sbl__slice slice = slice_of(0);
     sbl__solver s;
@@ -302,9 +305,9 @@ TEST(zero_is_solved_at_once) {
     sbl__solver_free(&base, &s);
 }
 
-/* A point of a seam has the mean of texels 0 and 1 on one side, and texel 2 on the other. The change of least squares
-   would make texel 0 of R negative. It is then kept at 0, and the others take over its part. A harmonic may be
-   negative. */
+/* At a point of a seam, one side is the mean of texels 0 and 1, and the other side is texel 2. The change by least
+   squares would make R of texel 0 negative. R of this texel becomes 0 instead, and the other texels take over the rest
+   of the change. A harmonic may become negative. */
 TEST(seams_keep_light_positive) {
     static const double expected[2][3] = { { 0, 0.84, 0.42 }, { -2 / 15.0, 13 / 15.0, 11 / 30.0 } };
     sbl__seam_point point = { { 0, 1, 2, 2, 2, 2, 2, 2 }, { 0.5f, 0.5f, -1, 0, 0, 0, 0, 0 } };
@@ -329,7 +332,7 @@ TEST(seams_keep_light_positive) {
             light[4 * texels[1] + i] = 1;
             light[4 * texels[2] + i] = 0.1f;
         }
-        seams.layer = layer - 1;  /* another layer begins behind the search for edges */
+        seams.layer = layer - 1;  /* the search for edges comes first, then the next layer begins */
         while (sbl__seams_step(&seams, &gutters, &atlas, layer, &slice) == SBL_UNFINISHED) {}
         for (i = 0; i < 9; i++)
             CHECK(fabs((double)light[4 * texels[i / 3] + i % 3] - expected[layer][i / 3]) < 0.001,
@@ -342,13 +345,13 @@ TEST(seams_keep_light_positive) {
     sbl__solver_free(&base, &seams.solver);
 }
 
-/* Of 9 x 9 pixels, every fourth one has a sensor. Light is linear, but the last corner of the last tile shows another
-   surface. Light is extrapolated to this corner from the adjacent corners and the sensors beyond them, and stays linear
-   in the whole tile. An adjacent corner without a sensor beyond it is copied. */
+/* Every fourth of 9 x 9 pixels has a sensor. The light is linear, but the last corner of the last tile shows another
+   surface. Light is extrapolated to this corner from the adjacent corners and from the sensors beyond these corners; it
+   stays linear in the complete tile. The light of an adjacent corner is copied if no sensor is beyond it. */
 TEST(light_is_linear_beside_silhouettes) {
     enum { SIDE = 9 };
     static sbl__pixel pixels[SIDE * SIDE];
-    static sbl__sensor sensors[SIDE * SIDE];  /* one per pixel */
+    static sbl__sensor sensors[SIDE * SIDE];  /* one sensor per pixel */
     sbl__sensor *block = sensors;
     sbl__refine r;
     sbl__tile tile;
@@ -364,7 +367,7 @@ TEST(light_is_linear_beside_silhouettes) {
         tile.area.x[k] = 4 + 4 * k;
         tile.area.y[k] = 4 + 4 * k;
     }
-    for (missing = 0; missing < 3; missing++) {  /* sensors beyond on both axes; only vertically; only horizontally */
+    for (missing = 0; missing < 3; missing++) {  /* sensors beyond exist on both axes; vertically; horizontally */
         memset(pixels, 0, sizeof pixels);
         for (i = 0; i < SIDE * SIDE; i++) {
             sbl__pixel *p = &pixels[i];
@@ -384,7 +387,7 @@ TEST(light_is_linear_beside_silhouettes) {
             sbl__mix m;
             sbl__interpolate(&r, &tile, x, y, 0, &m);
             for (k = 0; k < 3; k++) {
-                const double slope = missing == 0 ? 0 : missing == 1 ? 1 : k + 1;  /* along the axis without it */
+                const double slope = missing == 0 ? 0 : missing == 1 ? 1 : k + 1;  /* along the other axis */
                 const double expected = 5 + x + (k + 1) * y - 0.5 * 4 * slope * (x - 4) * (y - 4) / 16.0;
                 CHECK(fabs((double)m.light[k] - expected) < 1e-4, "way %d, pixel %d %d, channel %d: %g, expected %g",
                       missing, x, y, k, (double)m.light[k], expected);
@@ -393,7 +396,7 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
-/* Gives a filling a store of two leaves. The second one has a light of 8. */
+/* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
 static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
     int k;
     memset(leaves, 0, 2 * sizeof *leaves);
@@ -405,9 +408,10 @@ static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], s
     b->states = states;
 }
 
-/* A leaf has three points, of which the second is stuck. A quarter of the rays of the first point and half of the rays
-   of the last one hit another leaf, which reflects half of 8, so that they receive 1 and 2. The leaf receives the mean
-   of the valid points. Its noise is the standard error of that mean or, with one valid point, half of the light. */
+/* A leaf has three points; the second is stuck. A quarter of the rays of the first point and half of the rays of the
+   last point hit another leaf, which reflects half of 8. Therefore these points receive 1 and 2. The leaf receives the
+   mean of the valid points. Its noise is the standard error of this mean. With one valid point the noise is half of the
+   light. */
 TEST(stuck_points_do_not_count) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
@@ -454,9 +458,9 @@ TEST(stuck_points_do_not_count) {
               (double)direct[k]);
 }
 
-/* When all hits are queued again, those are skipped whose leaf has all its points and was not cut after the hit was
-   found in it: there is no scene here in which they could be placed. Far hits need more points. Once all have been
-   found again, former cuts do not count. */
+/* When all hits are queued again, a hit is skipped if its leaf has all its points and was not cut after the hit was
+   found. This test has no scene, so placing a hit again would fail. Distant hits need more points. Once all hits have
+   been found again, earlier cuts do not count. */
 TEST(settled_hits_are_skipped) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
@@ -490,8 +494,8 @@ TEST(settled_hits_are_skipped) {
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
-/* All rays of a leaf's points hit another leaf, which reflects half of 8. A leaf with 16 points counts as much as one
-   with four, both when leaves are divided and when bright leaves are chosen. */
+/* All rays of the points of a leaf hit another leaf, which reflects half of 8. A leaf with 16 points has the same
+   weight as one with four points, both when leaves are divided and when bright leaves are chosen. */
 TEST(further_points_do_not_count_more) {
     enum { MOST = 16 };
     static sbl__bounce b;
@@ -531,12 +535,13 @@ TEST(further_points_do_not_count_more) {
     }
 }
 
-/* All memory has been freed. */
+/* The tests have freed all memory. */
 TEST(no_memory_is_left) {
     CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
 }
 
-/* Light groups of a texel add up to its R, and none is negative; R of a texel without any belongs to the first. */
+/* The light groups of a texel add up to R, and none is negative. R of a texel without light in any group is added to
+   the first group. */
 TEST(groups_of_a_texel_add_up) {
     static const float R[3] = { 1, 2, 3 };
     float first[3] = { -0.5f, 1, 0 }, second[3] = { 0.8f, -1, -1 }, third[3] = { 0.4f, 3, 0 };
@@ -552,7 +557,7 @@ TEST(groups_of_a_texel_add_up) {
     CHECK(first[2] == R[2], "R without groups belongs to no group");
 }
 
-/* If there are too many glows, the darkest are dropped, and their leaves are ordinary again. */
+/* If the number of glows is too large, the darkest are dropped, and their leaves become ordinary leaves again. */
 TEST(dropped_glows_are_ordinary) {
     enum { COUNT = SBL__GLOWS_MOST + 500 };
     static sbl__glow glows[COUNT];
@@ -569,7 +574,7 @@ TEST(dropped_glows_are_ordinary) {
     scene.bright.glows = glows;
     scene.bright.glow_count = COUNT;
     for (i = 0; i < COUNT; i++) {
-        leaves[i].light[0] = -1;  /* bright */
+        leaves[i].light[0] = -1;  /* marks the leaf as bright */
         leaves[i].light[1] = leaves[i].light[2] = 1;
         glows[i].leaf = (uint32_t)i;
         glows[i].radiance[1] = 1 + (float)((7 * i) % COUNT) / COUNT;

@@ -1,5 +1,5 @@
-/* Sensors that trace rays agree with rasterised ones and with closed forms, let no light through closed walls, and do
-   not depend on how the work is divided. */
+/* Tests of sensors that trace rays. They agree with rasterised sensors and with closed forms, let no light through
+   closed walls, and do not depend on the division of the work. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -40,7 +40,7 @@ static double luminance(const float *rgb) {
     return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
 }
 
-/* Returns the rms of the differences in luminance, relative to the mean of b, over pixels that show something. */
+/* Returns the RMS difference in luminance over pixels that show a surface, relative to the mean of b. */
 static double difference(const float *a, const float *b, int pixels) {
     double squares = 0, sum = 0;
     int i, count = 0;
@@ -54,14 +54,14 @@ static double difference(const float *a, const float *b, int pixels) {
     return count ? sqrt(squares / count) / (sum / count) : 1;
 }
 
-/* A room with boxes whose surfaces emit several colours, for smooth light. */
+/* Makes a room with boxes. Its surfaces emit several colours, which gives smooth light. */
 static void glowing_room(test_scene *s) {
     int i;
     scene_cornell_box(s);
     for (i = 0; i < s->material_count; i++) memset(s->materials[i].emission, 0, sizeof s->materials[i].emission);
 }
 
-/* Traced and rasterised R differ by less than 0.3 % rms where light is smooth. */
+/* Where light is smooth, traced and rasterised R differ by less than 0.3 % RMS. */
 TEST(agrees_with_raster_on_smooth_light) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(40, 40), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
@@ -87,7 +87,7 @@ TEST(agrees_with_raster_on_smooth_light) {
     scene_free(&s);
 }
 
-/* The error falls with the number of rays as Sobol points should make it, on smooth light. */
+/* In smooth light the error decreases with the number of rays as fast as Sobol points permit. */
 TEST(error_falls_with_the_rays) {
     static const struct { int rays; double most; } steps[3] = { { 64, 0.033 }, { 256, 0.013 }, { 1024, 0.005 } };
     test_scene s = { 0 };
@@ -109,7 +109,7 @@ TEST(error_falls_with_the_rays) {
         error = difference(r, truth, 48 * 48);
         printf("  %d rays: %.2f %%\n", steps[i].rays, 100 * error);
         CHECK(error < steps[i].most, "%d rays have an error of %.2f %%", steps[i].rays, 100 * error);
-        if (i == 0) {  /* the error is noise rather than bands: errors of neighbouring pixels are hardly correlated */
+        if (i == 0) {  /* the error is noise and not bands: errors of adjacent pixels are hardly correlated */
             double product = 0, square = 0;
             int x, y;
             for (y = 0; y < 48; y++)
@@ -127,10 +127,11 @@ TEST(error_falls_with_the_rays) {
     scene_free(&s);
 }
 
-/* A closed black sphere of small triangles under a bright sky, seen from inside. Any ray that passes between two
-   triangles brings in light. */
+/* A closed black sphere of small triangles under a bright sky is seen from inside. A ray that passes between two
+   triangles would bring in light. */
 TEST(closed_walls_are_tight) {
-    /* rotated, so that no edge is parallel to an axis; the last one is dented, with facets of all sizes and slopes */
+    /* The spheres are rotated so that no edge is parallel to an axis. The last one is also dented, and has facets of
+       all sizes and slopes. */
     static const float turns[3][16] = { { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0,
         1 },
                                         { 0.6f, -0.64f, 0.48f, 0, 0.8f, 0.48f, -0.36f, 0, 0, 0.6f, 0.8f, 0, 0, 0, 0,
@@ -171,13 +172,13 @@ TEST(closed_walls_are_tight) {
     CHECK(rays > 1e7, "only %.0f rays", rays);
 }
 
-/* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. To simulate that, the shaders
-   are rewritten to use doubles, which hold the product of two floats exactly. */
+/* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. The shaders are rewritten to
+   simulate this: doubles hold the product of two floats exactly. */
 
 static inside_source true_source;
-static int contracted;  /* number of expressions that were rewritten */
+static int contracted;  /* number of rewritten expressions */
 
-/* Returns the length of a plain operand such as a.x if `between` follows it, otherwise 0. */
+/* Returns the length of a simple operand such as a.x if `between` follows it, otherwise 0. */
 static size_t operand(const char *at, const char *between) {
     size_t length = strspn(at, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789.");
     return length && strncmp(at + length, between, strlen(between)) == 0 ? length : 0;
@@ -194,7 +195,7 @@ static void contracted_source(unsigned shader, int count, const char *const *str
     (void)lengths;
     memcpy(text, start, sizeof start);
     joined[0] = text;
-    for (i = 1; i < count; i++)  /* the first string is the version */
+    for (i = 1; i < count; i++)  /* string 0 is the version of the shader */
         for (at = strings[i]; *at; ) {
             const char *operands[4], *next = at;
             int sizes[4];
@@ -213,7 +214,7 @@ static void contracted_source(unsigned shader, int count, const char *const *str
     true_source(shader, 1, joined, NULL);
 }
 
-/* Rays from inside a closed dented ball, aimed at the edges and corners that its triangles share, do not escape. */
+/* Rays from inside a closed dented ball that are aimed at shared edges and corners of triangles do not escape. */
 TEST(edges_are_tight_however_products_round) {
     enum { RAYS = 100000 };
     float *rays = (float *)malloc(32 * (size_t)RAYS);
@@ -270,7 +271,8 @@ TEST(edges_are_tight_however_products_round) {
     free(hits);
 }
 
-/* Compares rays from visible points of the scene with those of the independent ray caster of support/reference.h. */
+/* Compares the hits of rays from visible points of the scene with those of the independent ray caster in
+   support/reference.h. */
 static void compare_hits(const char *what, const test_scene *s, const sbl_picture_desc *view, int points, int each) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *truth = ref_create(&desc);
@@ -286,7 +288,7 @@ static void compare_hits(const char *what, const test_scene *s, const sbl_pictur
     ref_destroy(truth);
 }
 
-/* Rays hit the same triangles as those of an independent ray caster. */
+/* Rays hit the same triangles as in an independent ray caster. */
 TEST(rays_hit_what_they_should) {
     static const unsigned char texels[2 * 4] = { 90, 90, 90, 0, 90, 90, 90, 255 };
     test_scene s = { 0 };
@@ -309,7 +311,7 @@ TEST(rays_hit_what_they_should) {
     scene_free(&s);
 }
 
-/* Inside a closed box that emits, R equals its emission. */
+/* Inside a closed box that emits light, R equals the emission. */
 TEST(furnaces) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(32, 32, 90, 0.1f, 0, 0, 1, 0.2f, 0.3f), SBL_MODE_DIRECT, 64);
@@ -325,13 +327,14 @@ TEST(furnaces) {
     scene_free(&s);
 }
 
-/* Cut-outs and hidden materials: a black lid over a floor under the sky. Its texture cuts out the half x < 0. */
+/* Tests cut-outs and hidden materials. A black lid lies over a floor under the sky. In the texture of the lid, the half
+   x < 0 is cut out. */
 TEST(cutouts_and_hidden_materials) {
     static const unsigned char texels[2 * 4] = { 0, 0, 0, 0, 0, 0, 0, 255 };
     static const float lid[12] = { -4, 1, -4, 4, 1, -4, 4, 1, 4, -4, 1, 4 };
     float light[3] = { 0, 0, 0 };
     int kind;
-    for (kind = 0; kind < 3; kind++) {  /* solid, cut out, hidden */
+    for (kind = 0; kind < 3; kind++) {  /* the lid is solid, cut out or hidden */
         test_scene s = { 0 };
         sbl_picture_desc view = traced(scene_view(16, 16, 10, 0, 0.5f, 0.01f, -0.2f, 0, 0), SBL_MODE_DIRECT, 1024);
         int white = scene_material(&s, 0.5f, 0.5f, 0.5f), black = scene_material(&s, 0, 0, 0);
@@ -356,10 +359,11 @@ TEST(cutouts_and_hidden_materials) {
 }
 
 /* In pictures of a closed cube seen along an axis, the centres of many pixels fall exactly on creases. Traced R is
-   exact there: 0 under a sky, and 1 if the walls radiate 1. Views lose texels of surfaces that are as near. */
+   exact there: 0 under a sky, and 1 if the walls radiate 1. Rasterised views may lose texels where two surfaces have
+   nearly the same distance. */
 TEST(creases_are_tight) {
     int kind, i;
-    for (kind = 0; kind < 4; kind++) {  /* 0, 1: under a sky; 2, 3: walls reflect ambient light; 1, 3: raster */
+    for (kind = 0; kind < 4; kind++) {  /* 0, 1: under a sky; 2, 3: walls reflect ambient light; 1, 3: rasterised */
         test_scene s = { 0 };
         const int furnace = kind / 2;
         const sbl_mode mode = furnace ? SBL_MODE_AMBIENT : SBL_MODE_DIRECT;
@@ -388,8 +392,8 @@ TEST(creases_are_tight) {
     }
 }
 
-/* Adds `count` quads without any alpha between heights 1 and 2 above the origin, which rays pass through. If they are
-   slanted, all their bounding boxes overlap. */
+/* Adds `count` quads whose alpha is 0 everywhere, at heights between 1 and 2 above the origin. Rays pass through them.
+   If they are slanted, all their bounding boxes overlap. */
 static void add_holes(test_scene *s, int count, float slant) {
     static const unsigned char clear[4] = { 0, 0, 0, 0 };
     const int material = scene_material(s, 0, 0, 0);
@@ -403,8 +407,8 @@ static void add_holes(test_scene *s, int count, float slant) {
     }
 }
 
-/* Gathers light at `count` sites of the plane y = 0. Returns the largest difference of R from `truth` at valid sites.
-   invalid: receives the number of the others */
+/* Gathers light at `count` sites of the plane y = 0. Returns the largest difference between R and `truth` at valid
+   sites. invalid: receives the number of invalid sites */
 static double worst_of_floor(int count, int rays, sbl_mode mode, double truth, int *invalid) {
     sbl_site sites[64];
     sbl_reading readings[64];
@@ -433,8 +437,8 @@ static double worst_of_floor(int count, int rays, sbl_mode mode, double truth, i
     return worst;
 }
 
-/* Under up to 63 layers that are all holes, R is that of the open sky, however many rays are traced. The next layer is
-   solid. */
+/* Under up to 63 layers that are cut out completely, R is that of the open sky, whatever the number of rays is. A ray
+   treats the 64th layer as solid. */
 TEST(rays_pass_63_holes) {
     static const struct { int layers, rays; float slant; double truth; } cases[5] = {
         { 50, 0, 0, 1 }, { 63, 1024, 0, 1 }, { 63, 1024, 0.5f, 1 }, { 60, 16, 0.5f, 1 }, { 64, 256, 0, 0 }
@@ -455,9 +459,9 @@ TEST(rays_pass_63_holes) {
     }
 }
 
-/* In a closed white box full of long, thin, white triangles, with ambient light, R is 1. The hierarchy is of little use
-   for such triangles, so that rays take thousands of turns, more than some drivers allow: a reading is right, or it is
-   invalid and the logger is told. */
+/* A closed white box with ambient light is full of long, thin, white triangles; R is 1. The hierarchy is inefficient
+   for such triangles: rays take thousands of iterations, more than some drivers allow. A reading has the right R, or it
+   is invalid and a message says so. */
 TEST(slivers_lose_no_ray_unsaid) {
     enum { SLIVERS = 60000 };
     test_scene s = { 0 };
@@ -489,7 +493,7 @@ TEST(slivers_lose_no_ray_unsaid) {
     scene_free(&s);
 }
 
-/* If all meshes are hidden from sensors, the hierarchy is empty and R is that of the open sky. */
+/* If all meshes are hidden from sensors, the hierarchy is empty, and R is that of the open sky. */
 TEST(all_hidden_from_sensors) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(16, 16, 60, 0.1f, 0, 0, 1, 0.2f, 0.3f), SBL_MODE_DIRECT, 64);
@@ -507,7 +511,7 @@ TEST(all_hidden_from_sensors) {
     scene_free(&s);
 }
 
-/* Slices and batch sizes do not change the picture, to the bit. */
+/* Time slices and batch sizes do not change the picture, to the bit. */
 TEST(the_picture_does_not_depend_on_the_slices) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(48, 40);
@@ -543,7 +547,7 @@ TEST(the_picture_does_not_depend_on_the_slices) {
     scene_free(&s);
 }
 
-/* After a mesh has moved, rays meet it at its new place. */
+/* After a mesh was moved, rays hit it at its new position. */
 TEST(moved_meshes_are_found) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(24, 24, 40, 0, 3, 5, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -570,8 +574,8 @@ TEST(moved_meshes_are_found) {
     scene_free(&s);
 }
 
-/* Many triangles at one place, needles, and extents from 10^-3 to 10^6 in one scene: rays hit the right triangles, in
-   reasonable time. */
+/* Rays hit the right triangles in reasonable time although many triangles have the same position, some are needles, and
+   sizes in the scene vary from 10^-3 to 10^6. */
 TEST(nasty_triangles) {
     static const double spots[4][4] = { { 0, 0, 0, 1e-3 }, { 2, 0.5, 1, 0.25 }, { 3000, 4000, -1000, 20 },
         { -5e5, 2e5, 3e5, 4000 } };
@@ -592,7 +596,7 @@ TEST(nasty_triangles) {
                      : "thousands", &s, &view, 200, 250);
         scene_free(&s);
     }
-    for (way = 0; way < 3; way++) {  /* copies; copies of either winding; needles */
+    for (way = 0; way < 3; way++) {  /* copies; copies of both windings; needles */
         test_scene s = { 0 };
         sbl_picture_desc view = traced(scene_view(32, 32, 60, 0, 0, 0.5f, 0, 0, -1), SBL_MODE_AMBIENT, 256);
         static uint32_t indices[3 * 10000];
@@ -613,7 +617,7 @@ TEST(nasty_triangles) {
         for (i = 0; i < 3 * copies; i++) indices[i] = (uint32_t)i;
         scene_mesh(&s, grey, corners, NULL, NULL, 3 * copies, indices, 3 * copies);
         view.options.epsilon =
-            1; /* all surfaces emit the same; a shader that the driver stops would lose light */
+            1; /* all surfaces emit the same; if the driver stops a shader, light is missing */
         compare_hits(way == 0   ? "copies"
                      : way == 1 ? "copies of either winding"
                                 : "needles",
@@ -632,12 +636,12 @@ TEST(nasty_triangles) {
     }
 }
 
-/* Rays that need thousands of steps are not lost; some software renderers silently end a shader invocation that takes
-   too many. All surfaces are white and emit 1, so R is 1 for every ray. */
+/* Rays that need thousands of steps are not lost, although some software renderers silently end a shader invocation
+   with too many steps. All surfaces are white and emit 1; therefore R is 1 for every ray. */
 TEST(every_ray_arrives) {
     const int count = MILLION / 50;
     int way, i;
-    /* triangles as large as the room that intersect; a fan of needles about a point */
+    /* large triangles that intersect in the room; a fan of needles around a point */
     for (way = 0; way < 2; way++) {
         test_scene s = { 0 };
         sbl_picture_desc view = traced(scene_view(24, 16, 60, 0.1f, 0.2f, 4, 0, 0, 0), SBL_MODE_AMBIENT, 256);
@@ -677,7 +681,7 @@ TEST(every_ray_arrives) {
     }
 }
 
-/* Rays among a million triangles hit the right ones, and the hierarchy stays small. */
+/* Rays among a million triangles hit the right ones, and the hierarchy needs little memory. */
 TEST(a_million_triangles) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_cornell_view(48, 48), SBL_MODE_AMBIENT, 16);
@@ -697,8 +701,8 @@ TEST(a_million_triangles) {
     scene_free(&s);
 }
 
-/* A ball of ten million triangles that emits 0.5, seen from inside, under an extremely bright sky. It takes 20 s and 3
-   GiB, 2 of them in sbl.h, so it runs only if SBL_TEST_HUGE is set. */
+/* A ball of ten million triangles that emits 0.5 is seen from inside, under an extremely bright sky. The test takes 20
+   s and 3 GiB, 2 GiB of them in sbl.h; therefore it runs only if SBL_TEST_HUGE is set. */
 TEST(ten_million_triangles) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(32, 32, 90, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_AMBIENT, 64);

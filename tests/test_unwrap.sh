@@ -1,6 +1,7 @@
 #!/bin/sh
-# Tests of scripts/sbl_unwrap: charts do not overlap, all else passes through, instances have places that sbl_bake
-# reads, and broken scenes are refused. tests/support/unwrap.js makes the scenes and checks the results.
+# Tests of scripts/sbl_unwrap. Charts do not overlap; all other data of the scene is kept; sbl_bake reads the scale and
+# offset of each instance; and broken scenes are refused. tests/support/unwrap.js makes the scenes and checks the
+# results.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -64,7 +65,7 @@ check long_charts_are_wide is_wide
 check a_map_is_too_small too_small 4
 check a_mesh_is_too_large too_small --texel-density 100 --size 64
 
-# >>all else
+# >>other data of the scene
 
 same_gltf() {
     unwrap "$rich" "$folder/beside.gltf" 64 && holds same "$rich" "$folder/beside.gltf" && [ -s "$folder/beside.bin" ]
@@ -95,7 +96,7 @@ check usable_coordinates_are_placed is_placed
 check overlapping_ones_are_replaced is_replaced overlaps overlap
 check ones_outside_are_replaced is_replaced beyond 'not inside'
 check a_result_is_kept again
-# a first set that stands for a missing one becomes new, too
+# a first set that was made for a mesh without one is made again, too
 again_without_first() {
     unwrap "$folder/overlaps.gltf" "$folder/new.gltf" 64 && holds one_set "$folder/new.gltf" &&
         unwrap "$folder/new.gltf" "$folder/new.glb" 64 --again && holds one_set "$folder/new.glb" &&
@@ -103,19 +104,20 @@ again_without_first() {
 }
 check a_result_without_a_first_set again_without_first
 
-# >>instances, in sbl_bake
+# >>instances in sbl_bake
 
 check instances_have_places holds places "$out" one two
 bakes() {
     build/sbl_bake "$1" --lightmap "$2" --mode direct --preset draft --formats pfm -o "$folder/baked" "$3" &&
         [ ! -e "$folder/baked/overlap.png" ] && shift 3 && holds light "$@"
 }
-# a sun of 10 lux: R = 10 / pi; the scene that sbl_bake writes has the places as coordinates
+# A sun of 10 lux gives R = 10 / pi. The scene that sbl_bake writes has the scales and offsets applied to its
+# coordinates.
 lit() {
     bakes "$out" 256 --quiet "$out" "$folder/baked" 256 one 3.183 two 0 roof 3.183 &&
     holds apart "$folder/baked/scene.gltf" 256 2 58
 }
-# all maps in one run are those of runs of their own
+# the maps of one run equal those of separate runs
 all_maps() {
     set -- --lightmap 112 --mode direct --preset draft --quiet --formats pfm
     build/sbl_bake "$folder/maps.glb" "$@" --lightmap auto --lit 64 -o "$folder/all" || return 1
@@ -133,9 +135,10 @@ if [ -x build/sbl_bake ]; then
     check a_second_set_needs_no_first without_first
 fi
 
-# >>the map of sbl_bake in the scene that was baked
+# >>adding the maps of sbl_bake to the scene that was baked
 
-# adds_light BEFORE AFTER FOLDER MAP MESHES MATERIALS [OPTION...]
+# adds_light BEFORE AFTER FOLDER MAP MESHES MATERIALS [OPTION...]: adds the map of FOLDER; MESHES and MATERIALS are the
+# numbers of new ones
 adds_light() {
     baked=$3 dark=$1 bright=$2 counts="$4 $5 $6"
     shift 6
@@ -147,12 +150,13 @@ adds_maps() {
         build/sbl_bake "$folder/mixed.gltf" --lightmap 64 --map $map --mode direct --preset draft --quiet --lit 0 \
             -o "$folder/mixed$map" || return 1
     done
-    # new: meshes for both tiles, as others use theirs; two materials for each of them, and one where there was none
+    # New are the meshes of both tiles, because other nodes use these meshes, two materials for each of them, and one
+    # material where there was none.
     adds_light "$folder/mixed.gltf" "$folder/lit.gltf" "$folder/mixed0" 0 2 5 --map 0 &&
         [ -s "$folder/lit.lightmap.png" ] &&
         adds_light "$folder/lit.gltf" "$folder/both.gltf" "$folder/mixed1" 1 1 2 --map 1
 }
-# the maps of a run take the places of those of an earlier one
+# the maps of a run replace those of an earlier run
 adds_all_maps() {
     for sky in 0,0,0 1,1,1; do
         build/sbl_bake "$folder/mixed.gltf" --lightmap 64 --mode direct --preset draft --quiet --lit 0 --sky $sky \
@@ -215,7 +219,7 @@ END
     check refuses_light_of_an_obj refuses_light "$folder/baked" examples/scenes/two_rooms.obj 'no .gltf or .glb'
 fi
 
-# >>files that cannot be unwrapped
+# >>files that are refused
 
 refuses() {
     echo old > "$folder/kept.glb"
@@ -268,7 +272,8 @@ check says_what_cannot_be_written unwritable
 reads_obj() {
     unwrap examples/scenes/two_rooms.obj "$folder/rooms.glb" 128 && holds apart "$folder/rooms.glb" 128 2 40
 }
-# five walls of nearly equal size: a third of the map would stay empty if all had as many texels down as across
+# The box has five walls of nearly equal size. If all had the same number of texels in height and in width, a third of
+# the map would stay empty.
 fills_box() {
     unwrap examples/scenes/cornell_box.obj "$folder/box.glb" 256 && holds apart "$folder/box.glb" 256 2 80
 }

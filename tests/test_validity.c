@@ -1,7 +1,7 @@
-/* Sensors inside of geometry. A sensor is slightly above its surface. If a closed box floats above a floor by less than
-   that, sensors of the floor that the camera sees through the gap are inside of the box. They must be detected, and
-   must not bring light from inside of the box to the floor. In a room that is modelled inside out, all surfaces show
-   their back sides; its sensors must not be taken for invalid. */
+/* Tests of sensors inside geometry. A sensor is slightly above its surface. If a closed box floats above a floor by
+   less than this offset, the sensors of the floor that the camera sees through the gap are inside the box. They must be
+   detected, and must not bring light from the inside of the box to the floor. In a room that is modelled inside out,
+   all surfaces show their back sides; its sensors must be valid nevertheless. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -17,8 +17,8 @@ static sbl_picture_desc plain(sbl_picture_desc view, int sensor_size) {
     return view;
 }
 
-/* An orthographic camera that sees the floor at a grazing angle, from x = -2.2 to -0.2. The rows of its picture are 2 /
-   height apart on the floor. */
+/* Describes an orthographic camera that sees the floor at a grazing angle, from x = -2.2 to -0.2. On the floor, the
+   rows of the picture are 2 / height apart. */
 static sbl_picture_desc grazing_view(int width, int height) {
     sbl_picture_desc view;
     const float slope = 3e-5f;
@@ -33,7 +33,7 @@ static sbl_picture_desc grazing_view(int width, int height) {
     return plain(view, 32);
 }
 
-/* A floor under the sky, and a box above it at height `gap` with a red lamp inside. */
+/* Makes a floor under the sky, and a box with a red lamp inside that floats above the floor at height `gap`. */
 static void gap_scene(test_scene *s, float gap) {
     int grey = scene_material(s, 0.5f, 0.5f, 0.5f), red = scene_lamp(s, 5, 0, 0);
     scene_sky(s, 0, 1, 0);
@@ -42,7 +42,8 @@ static void gap_scene(test_scene *s, float gap) {
     scene_box(s, red, -0.9f, 0.5f, -0.9f, 0.9f, 0.6f, 0.9f);
 }
 
-/* Sensors of the floor in the gap are invalid and get light from their neighbours, not from the box. */
+/* Sensors of the floor in the gap are invalid. Their pixels get light from adjacent pixels and not from the inside of
+   the box. */
 TEST(stuck_sensors_bring_no_light_from_inside) {
     test_scene s = { 0 };
     sbl_picture_desc view = grazing_view(16, 64);
@@ -51,7 +52,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     float *radiance, *position, red = 0, lowest_green = 1;
     float offset;
     int i, gap_row = -1, open_row = -1;
-    gap_scene(&s, 0);  /* without a gap, to measure the offset of the sensors */
+    gap_scene(&s, 0);  /* a box without a gap shows the offset of the sensors */
     REQUIRE(scene_render(context, &s, &view), "no picture");
     offset = inside_farthest_offset(context);
     scene_free(&s);
@@ -63,7 +64,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     REQUIRE(radiance && position, "no channels");
     for (i = 0; i < view.width * view.height; i++) {
         const float *p = position + 3 * i;
-        if (p[1] != 0 || p[0] == 0) continue;  /* the floor */
+        if (p[1] != 0 || p[0] == 0) continue;  /* skips pixels that do not show the floor */
         if (p[0] > -0.9f && gap_row < 0) gap_row = i;
         if (p[0] < -1.5f) open_row = i;
         red = radiance[3 * i] > red ? radiance[3 * i] : red;
@@ -89,13 +90,13 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     scene_free(&s);
 }
 
-/* A room that is modelled inside out has the same R as a normal one, and no invalid sensors. */
+/* A room that is modelled inside out has the same R as a normal room, and no invalid sensors. */
 TEST(a_room_inside_out_is_valid) {
     test_scene s = { 0 };
     sbl_picture_desc view = plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), 16);
     float *pictures[2] = { NULL, NULL };
     int i, turned;
-    /* a camera inside of a box sees its back sides; exchanged corners turn the faces around */
+    /* A camera inside the box sees its back sides. If the order of corners is reversed, it sees front sides. */
     for (turned = 0; turned < 2; turned++) {
         sbl_stats stats;
         int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 2, 1);

@@ -1,5 +1,5 @@
-/* Tests of light at vertices: compared with closed forms, on grids finer and coarser than the light; joining of
-   vertices; buried vertices; and invalid descriptors. */
+/* Tests of light at vertices. They compare it with closed forms, on grids that are finer or coarser than the light.
+   Further tests cover joined vertices, buried vertices and invalid descriptors. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -20,8 +20,8 @@ static sbl_vertices_desc desc_of(sbl_mode mode) {
     return desc;
 }
 
-/* Bakes `count` vertices into an array that is filled with NaN, and checks that all of it and nothing more is written.
-   Returns NULL on failure. The caller frees the array. */
+/* Bakes `count` vertices of the current scene into an array that is filled with NaN, and checks that the bake writes
+   all of the array and nothing beyond. Returns the array, which the caller frees, or NULL on failure. */
 static float *bake_again(const sbl_vertices_desc *from, int count) {
     float *light = (float *)malloc((3 * (size_t)count + 1) * sizeof *light);
     sbl_vertices_desc desc = *from;
@@ -41,15 +41,16 @@ static float *bake_again(const sbl_vertices_desc *from, int count) {
     return NULL;
 }
 
-/* Sets the scene and bakes all of its vertices. */
+/* Sets the scene and bakes all its vertices. Returns the array, which the caller frees, or NULL on failure. */
 static float *bake(const test_scene *s, const sbl_vertices_desc *desc) {
     if (!use_scene(s)) { CHECK(0, "no context"); return NULL; }
     return bake_again(desc, vertices_of(s));
 }
 
-/* >>light */
+/* >>light at vertices */
 
-/* Adds (side + 1)^2 vertices over a square about the origin, with the orientation of scene_floor; normals point up. */
+/* Adds a square with (side + 1)^2 vertices around the origin, with the orientation of scene_floor. The normals point
+   up. */
 static sbl_mesh *grid(test_scene *s, int material, int side, float half) {
     float *p = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)((side + 1) * (side + 1)));
     uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(side * side));
@@ -71,8 +72,8 @@ static sbl_mesh *grid(test_scene *s, int material, int side, float half) {
 
 static const float lamp_corners[12] = { -0.5f, 0.5f, -0.5f, 0.5f, 0.5f, -0.5f, 0.5f, 0.5f, 0.5f, -0.5f, 0.5f, 0.5f };
 
-/* Returns the rms difference between the light interpolated from a grid's vertices and that of the lamp, relative to
-   the mean. */
+/* Returns the RMS difference between the light that is interpolated from the vertices of a grid and the light of the
+   lamp, relative to the mean. */
 static double grid_error(const float *light, int side, double half) {
     v3 corners[4];
     double squares = 0, mean = 0;
@@ -112,8 +113,8 @@ static double grid_of_size(int side, sbl_vertices_desc desc, float scale) {
 
 static double grid_under_a_lamp(int side, sbl_vertices_desc desc) { return grid_of_size(side, desc, 1); }
 
-/* Returns the least possible error of light that is linear between a grid's vertices: solves the normal equations of
-   many points by elimination. */
+/* Returns the least possible error of light that is linear between the vertices of a grid. The normal equations of many
+   points are solved by elimination. */
 static double grid_least_error(int side, double half) {
     enum { FINE = 160, MOST = 81 };
     static double m[MOST][MOST + 1];
@@ -135,7 +136,7 @@ static double grid_least_error(int side, double half) {
                 m[at[i]][count] += h[i] * truth;
             }
         }
-    for (k = 0; k < count; k++)  /* positive definite, so that pivoting is not needed */
+    for (k = 0; k < count; k++)  /* the matrix is positive definite and needs no pivoting */
         for (row = 0; row < count; row++) {
             const double factor = m[row][k] / m[k][k];
             for (i = k; i <= count && row != k; i++) m[row][i] -= factor * m[k][i];
@@ -144,8 +145,8 @@ static double grid_least_error(int side, double half) {
     return grid_error(light, side, half);
 }
 
-/* The light interpolated between a grid's vertices is close to the closed form, and close to the least possible
-   error. */
+/* The light that is interpolated between the vertices of a grid is close to the closed form. Its error is close to the
+   least possible error. */
 TEST(a_floor_under_a_lamp) {
     sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT), average = desc, rough = desc;
     const double fine = grid_under_a_lamp(32, desc), coarse = grid_under_a_lamp(8, desc),
@@ -249,7 +250,8 @@ TEST(a_furnace) {
     scene_free(&s);
 }
 
-/* Adds a sun that shines from (x, y, z) and returns that direction. R of a surface that faces it is 1. */
+/* Adds a sun that shines from direction (x, y, z), and returns this direction. R of a surface that faces the sun is
+   1. */
 static v3 scene_sun(test_scene *s, double x, double y, double z) {
     sbl_light *sun = scene_light(s, SBL_LIGHT_DIRECTIONAL, (float)REF_PI, (float)REF_PI, (float)REF_PI);
     const v3 from = v3_unit(v3_of(x, y, z));
@@ -257,8 +259,8 @@ static v3 scene_sun(test_scene *s, double x, double y, double z) {
     return from;
 }
 
-/* The front side is the one that normals point to; without normals, the one from which corners run counter-clockwise.
-   Mirroring does not exchange the sides. */
+/* The front side is the side that the normals point to. Without normals, it is the side from which the corners are in
+   counter-clockwise order. Mirroring does not exchange the sides. */
 TEST(light_falls_on_the_front) {
     int turned, normals, mirrored, i;
     for (turned = 0; turned < 2; turned++)
@@ -292,7 +294,7 @@ TEST(light_falls_on_the_front) {
             }
 }
 
-/* A ball with normals in the sun: neither its seam of duplicate vertices nor its facets show in R. */
+/* In a ball with normals under a sun, R shows neither the seam of duplicate vertices nor the facets. */
 TEST(a_ball_in_the_sun) {
     enum { SLICES = 48, STACKS = 24 };
     static test_scene s;
@@ -324,9 +326,9 @@ TEST(a_ball_in_the_sun) {
     scene_free(&s);
 }
 
-/* >>which vertices are joined */
+/* >>joining of vertices */
 
-/* Position and normal of a corner of one of a cube's six faces. */
+/* Returns the position and the normal of a corner of one of the six faces of a cube. */
 static void cube_corner(int face, int corner, float position[3], float normal[3]) {
     const int axis = face / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
     const float side = face % 2 ? 1.0f : -1.0f;
@@ -336,11 +338,11 @@ static void cube_corner(int face, int corner, float position[3], float normal[3]
     position[v] = corner >= 2 ? 1.0f : -1.0f;
 }
 
-/* Each of a cube's 24 vertices has the light of its own face, also if only the triangles' planes show which face that
-   is. */
+/* Each of the 24 vertices of a cube has the light of its own face, also if only the planes of the triangles show the
+   face. */
 TEST(hard_edges_are_kept) {
     int way, i;
-    for (way = 0; way < 3; way++) {  /* with normals; without; without indices and normals */
+    for (way = 0; way < 3; way++) {  /* with normals; without normals; without normals and indices */
         static test_scene s;
         sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
         float positions[36 * 3], normals[36 * 3], *light;
@@ -368,8 +370,8 @@ TEST(hard_edges_are_kept) {
     }
 }
 
-/* Two halves of a floor under a lamp, in one mesh or two, whose normals at the common edge differ by an angle. Returns
-   1 if vertices at the edge get the same light, 0 if not, -1 on failure. */
+/* Bakes two halves of a floor under a lamp, in one mesh or two, whose normals at the common edge differ by an angle.
+   Returns 1 if vertices at the edge get the same light, 0 if not, and -1 on failure. */
 static int halves_are_one(double degrees, int of_one_mesh) {
     static const uint32_t indices[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 };
     static test_scene s;
@@ -394,7 +396,7 @@ static int halves_are_one(double degrees, int of_one_mesh) {
     return one;
 }
 
-/* Vertices of one mesh are joined if position and normal agree within 1 degree. */
+/* Vertices of one mesh are joined if their positions are equal and their normals differ by at most 1 degree. */
 TEST(seams_are_joined) {
     CHECK(halves_are_one(0, 1) == 1 && halves_are_one(0.5, 1) == 1 && halves_are_one(-0.9, 1) == 1,
           "vertices at a seam are not joined");
@@ -402,7 +404,7 @@ TEST(seams_are_joined) {
     CHECK(halves_are_one(0, 0) == 0, "vertices of two meshes are joined");
 }
 
-/* The same floor with indices of each type, and without indices, gets the same light. */
+/* The same floor gets the same light with indices of each type and without indices. */
 TEST(indices_of_all_types) {
     enum { SIDE = 6, VERTICES = 49, CORNERS = SIDE * SIDE * 6 };
     const sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
@@ -473,8 +475,8 @@ TEST(vertices_without_triangles) {
     }
 }
 
-/* Selected meshes: all, two in reverse order, one twice, and one alone. The meshes are floors of different tilt, so
-   that R tells them apart. */
+/* Selected meshes are baked: all, two in reverse order, one twice, and one alone. The meshes are floors of different
+   tilt, so that each has its own R. */
 TEST(meshes_are_chosen) {
     static const int lists[4][4] = { { 0, 1, 2 }, { 2, 0 }, { 1, 0, 1, 2 }, { 1 } };
     static const int counts[4] = { 3, 2, 4, 1 }, corners[3] = { 4, 9, 16 };
@@ -516,7 +518,7 @@ TEST(meshes_are_chosen) {
 }
 
 /* A mesh gets the same light, to the bit, in every list of meshes that contains it. The sky behind a roof makes noise,
-   and meshes need different numbers of iterations. */
+   and the meshes need different numbers of iterations. */
 TEST(meshes_do_not_depend_on_others) {
     enum { MESHES = 4 };
     static const int lists[4][5] = { { 0 }, { 3, 1 }, { 2, 0, 1, 2, 3 }, { 1, 3 } }, counts[4] = { 1, 2, 5, 2 };
@@ -563,10 +565,10 @@ TEST(meshes_do_not_depend_on_others) {
     scene_free(&s);
 }
 
-/* >>points */
+/* >>measuring points */
 
-/* The number of points is proportional to the area, at least 4 (or `samples` if less) and at most 8 * `samples` per
-   triangle. Large bakes are gathered in parts of 65,536 points. */
+/* The number of points of a triangle is proportional to its area. It is at least 4 (or `samples`, if this is less) and
+   at most 8 * `samples`. Large bakes are gathered in batches of 65,536 points. */
 TEST(points_follow_area) {
     static const float p[18] = { 0, 0, 0, 0, 0, 1, 1, 0, 0, 5, 0, 0, 5, 0, 3, 6, 0, 0 };
     static const struct { int samples, sensors;
@@ -587,7 +589,7 @@ TEST(points_follow_area) {
         free(light);
     }
     scene_free(&s);
-    /* one triangle is huge, the other thousand are small */
+    /* one triangle is huge, and the others, more than a thousand, are small */
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
     grid(&s, 0, 24, 0.01f);
     s.meshes[1].transform[0] = s.meshes[1].transform[5] = s.meshes[1].transform[10] = s.meshes[1].transform[15] = 1;
@@ -605,7 +607,7 @@ TEST(points_follow_area) {
           (int)sbl_query_stats(context).sensors.count);
     free(light);
     scene_free(&s);
-    desc.samples = 7;  /* many parts: each point's light must reach its own vertices */
+    desc.samples = 7;  /* several batches: the light of each point must reach its own vertices */
     worst = grid_under_a_lamp(100, desc);
     CHECK(sbl_query_stats(context).sensors.count == 7 * 20002 && worst < 0.002, "%d points, off by %.3f %%",
           (int)sbl_query_stats(context).sensors.count, 100 * worst);
@@ -613,8 +615,8 @@ TEST(points_follow_area) {
 
 /* >>buried vertices */
 
-/* A black box stands on a floor under the sky, slightly sunk. The interpolated light around it is right and not
-   darkened by vertices beneath it, which get the light of their neighbours. */
+/* A black box on a floor under the sky extends slightly below the floor. The interpolated light around it is right.
+   Vertices below the box get the light of adjacent vertices and do not darken it. */
 TEST(what_is_buried_leaves_no_stain) {
     enum { SIDE = 20, FINE = 200 };
     int average;
@@ -669,8 +671,8 @@ TEST(what_is_buried_leaves_no_stain) {
     }
 }
 
-/* A thin slab buries a part of a floor. A vertical sun lights all other points equally. Vertices whose
-   triangles have few points left get the same light, with and without smoothing. */
+/* A thin slab buries a part of a floor. A vertical sun lights all other points equally. Vertices whose triangles have
+   only few valid points get the same light, with and without smoothing. */
 TEST(few_points_are_enough) {
     int run, i;
     for (run = 0; run < 3; run++) {
@@ -692,7 +694,7 @@ TEST(few_points_are_enough) {
     }
 }
 
-/* A room that is modelled inside out is lit like any other. A floor that is buried as a whole is dark. */
+/* A room that is modelled inside out has the same light as a normal room. A floor that is buried completely is dark. */
 TEST(only_backs_are_seen) {
     enum { SIDE = 24 };
     static test_scene s;
@@ -728,7 +730,7 @@ static void refused(sbl_vertices_desc desc, const char *word) {
     watch_forget(&seen);
 }
 
-/* Every field of sbl_vertices_desc is checked; the message names field and value. */
+/* Invalid values of every field of sbl_vertices_desc are refused. The message names the field and the value. */
 TEST(every_field_is_checked) {
     static test_scene s;
     static const int meshes[3] = { 0, 1, 7 };
@@ -781,7 +783,7 @@ TEST(every_field_is_checked) {
     scene_free(&s);
 }
 
-/* >>slices */
+/* >>time slices */
 
 static void small_scene(test_scene *s) {
     memset(s, 0, sizeof *s);
@@ -793,8 +795,8 @@ static void small_scene(test_scene *s) {
 static int calls;
 static int cancel(float done, void *user) { calls++; return done >= *(const float *)user; }
 
-/* A bake in short slices equals one in a single call, to the bit. It can be cancelled, and setting another scene ends
-   it. A finished picture stays, and its sensors can be inspected meanwhile. */
+/* A bake in short time slices equals one in a single call, to the bit. It can be cancelled, and setting another scene
+   ends it. A finished picture stays readable during the bake, and its sensors can be inspected. */
 TEST(it_comes_in_pieces) {
     static test_scene s;
     static float pieces[3 * 300], picture[2][20 * 20 * 3];
@@ -878,7 +880,7 @@ static int meddle(float done, void *user) {
     return 0;
 }
 
-/* Calls inside of the progress callback are refused and change nothing. Another seed changes the light. */
+/* Calls from the progress callback are refused and change nothing. Another seed changes the light. */
 TEST(callbacks_and_seeds) {
     static test_scene s;
     sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
@@ -907,8 +909,8 @@ static sbl_result vertices_call(const void *desc) {
     return sbl_bake_vertices(context, (const sbl_vertices_desc *)desc);
 }
 
-/* Fails each allocation once, in turn. The bake must fail with a message and leak nothing, and the next one must
-   work. */
+/* Each allocation fails once, in turn. The bake must fail with a message and without a leak, and the next bake must
+   succeed. */
 TEST(memory_runs_out) {
     static test_scene s;
     static float light[3 * 300];

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Tests of sbl_view in a virtual X server: what the window shows, what keys and mouse do, what is saved, and what is
-# said without a display. tests/support/screen.py compares pictures.
+# Tests of sbl_view on a virtual X server: the contents of the window, keys and mouse, saved pictures, and messages
+# without a display. tests/support/screen.py compares pictures.
 set -u
 export LC_ALL=C LIBGL_ALWAYS_SOFTWARE=1
 cd "$(dirname "$0")/.." || exit 1
@@ -12,7 +12,7 @@ width=128 height=96
 screen() { python3 tests/support/screen.py "$@"; }
 shot() { screen shot "$folder/screen/Xvfb_screen0" $width $height "$folder/$1.ppm"; }
 xdo() { timeout 20 xdotool "$@"; }
-# said FILE TEXT COUNT: waits until the viewer has said TEXT so many times, for at most 100 s
+# said FILE TEXT COUNT: waits until the viewer has printed TEXT to FILE COUNT times, for at most 100 s
 said() {
     tries=0
     until [ "$(grep -c -- "$2" "$1")" -ge "$3" ]; do
@@ -21,7 +21,7 @@ said() {
         sleep 0.1
     done
 }
-# finished COUNT: waits for the end of a picture, and until the window shows it
+# finished COUNT: waits until COUNT pictures are finished, and until the window shows the last one
 finished() { said "$folder/err" 'picture is finished' "$1" && sleep 0.3; }
 # opens SCENE OPTIONS...: starts the viewer
 opens() {
@@ -86,9 +86,9 @@ light_is_dragged() {
         xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 3 &&
         xdo key l key l key l && sleep 0.3 && shot dragged &&
         screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && xdo key c && said "$folder/out" '^--eye' 2 &&
-        [ "$(grep '^--eye' "$folder/out" | sort -u | wc -l)" = 1 ] && ends  # the camera has not moved
+        [ "$(grep '^--eye' "$folder/out" | sort -u | wc -l)" = 1 ] && ends  # all printed cameras are the same
 }
-# marked_at BEFORE AFTER: the middle of the yellow pixels that are new
+# marked_at BEFORE AFTER: prints the centre of the pixels that have become yellow
 marked_at() {
     python3 - "$1" "$2" << 'END'
 import sys
@@ -114,7 +114,7 @@ if not 1 <= steps["wall"]["steps"] == steps["processor_thread"]["steps"] or not 
     sys.exit("%d steps" % steps["wall"]["steps"])
 END
 }
-# refuses STATUS TEXT COMMAND...: the command ends with this status and one line that contains TEXT
+# refuses STATUS TEXT COMMAND...: the command must end with this status and one line that contains TEXT
 refuses() {
     wanted=$1 text=$2 status=0
     shift 2
@@ -129,7 +129,7 @@ elif ! command -v Xvfb > /dev/null || ! command -v xdotool > /dev/null; then
 else
     mkdir "$folder/screen"
     : > "$folder/number"
-    # the server chooses a free number, which it writes to descriptor 3
+    # the server chooses a free display number and writes it to descriptor 3
     Xvfb -displayfd 3 -screen 0 640x480x24 -fbdir "$folder/screen" 3> "$folder/number" > /dev/null 2>&1 &
     server=$! viewer=$!
     trap 'kill "$viewer" "$server" 2> /dev/null; rm -rf "$folder"' EXIT

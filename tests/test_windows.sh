@@ -1,13 +1,13 @@
 #!/bin/sh
-# Tests for Windows and macOS that run on Linux: mingw-w64 compiles and links with windows.h, wine runs the programs and
-# must draw the same as here, and Mesa simulates GL 4.1.
+# Tests for Windows and macOS that run on Linux. mingw-w64 compiles and links with windows.h; wine runs the programs,
+# which must draw the same as on Linux; and Mesa simulates GL 4.1.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
-# the programs in the manual's chapter ON WINDOWS AND MACOS, each from its first #include on
+# the programs in the chapter ON WINDOWS AND MACOS of the manual, each from its first #include
 awk -v folder="$folder" '
     /^   ON DETERMINISM$/ { exit }
     /^   ON WINDOWS AND MACOS$/ { on = 1 }
@@ -16,15 +16,15 @@ awk -v folder="$folder" '
     /^   [^ ]/ { file = "" }
     file { sub(/^       /, ""); print > file }' sbl.h
 
-# programs for Windows are built in a copy, so that build/ holds only programs for this machine
+# programs for Windows are built in a copy of the repository, so that build/ holds only programs for Linux
 copy="$folder/copy"
 mkdir "$copy"
 cp -r sbl.h examples scripts tests "$copy"
 
 # >>compilers
 
-# beside ORDER COMPILER...: a program whose file includes windows.h first, last or not at all. It is linked, unless the
-# command contains -fsyntax-only.
+# beside ORDER COMPILER...: compiles and links a file that includes windows.h first, last or not at all. The command is
+# not linked if it contains -fsyntax-only.
 beside() {
     order=$1
     shift
@@ -37,7 +37,8 @@ beside() {
     } > "$folder/beside.c"
     "$@" $warnings -I . "$folder/beside.c" -o "$folder/beside"
 }
-# beside_all NAME COMPILER...: SBL_STATIC changes neither what is included nor its order
+# beside_all NAME COMPILER...: tests all orders. SBL_STATIC is tested without windows.h only, because it changes neither
+# the included headers nor their order.
 beside_all() {
     ways=$1
     shift
@@ -46,13 +47,13 @@ beside_all() {
     for order in first last; do check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only; done
 }
 
-# macros FLAGS...: lists the macros that are defined at the end of a file of includes from stdin
+# macros FLAGS...: lists the macros that are defined at the end of a file of includes, which is read from stdin
 macros() {
     "$target-w64-mingw32-gcc" -std=c99 -I . -x c -dM -E "$@" - | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u
 }
 own_includes() { sed '1,/^\*\/$/d' sbl.h | sed -n 's/^ *# *include \(<[^>]*>\)$/#include \1/p' | grep -v EGL; }
 
-# compares the identifiers of sbl.h, without comments and strings, with the macros of Windows' headers
+# no identifier of sbl.h may be a macro of the headers of Windows; comments and strings do not count
 no_macro_is_a_name() {
     gcc -fpreprocessed -dD -E -P sbl.h | sed 's/"\([^"\\]\|\\.\)*"//g' |
         grep -oE '[A-Za-z_][A-Za-z0-9_]*' | sort -u > "$folder/words"
@@ -62,7 +63,7 @@ no_macro_is_a_name() {
     grep -qx sbl__now "$folder/words" || return
     printf '%s\n' small pascal cdecl >> "$folder/macros"  # macros of Microsoft's own headers
     sort -o "$folder/macros" "$folder/macros"
-    # MemoryBarrier: it is called in parentheses, so that the macro is not expanded
+    # MemoryBarrier is a macro: sbl.h calls it in parentheses, so that it is not expanded
     ! grep 'gl->MemoryBarrier(' sbl.h || return
     comm -23 "$folder/macros" "$folder/own" | comm -12 - "$folder/words" | grep -vx MemoryBarrier > "$folder/strangers"
     nothing "$folder/strangers"
@@ -94,9 +95,10 @@ snippet() {
 windows_program() {
     "$target-w64-mingw32-gcc" -std=c99 $warnings tests/header/windows.c -lopengl32 -lgdi32 -o "$folder/windows.exe"
 }
-# built as README.md says; examples that need POSIX are left out
+# the examples are built as README.md says; those that need POSIX are omitted
 examples() {
-    # Names end with .exe. For 32 bits one example is enough, because the tests above compile sbl.h itself.
+    # The names of programs end with .exe. For 32 bits one example is enough, because the tests above compile sbl.h
+    # itself.
     case $target in i686) set -- minimal.exe ;; *) set -- ;; esac
     CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" "$@" || return
     for source in examples/*.c; do
@@ -133,10 +135,10 @@ for target in i686 x86_64; do
     check "${target}_manual_compiles" snippet
     check "${target}_windows_compiles" windows_program
     check "${target}_examples_compile" examples
-    wine_target=$target  # wine runs the programs of the last target
+    wine_target=$target  # wine runs the programs of this target
 done
 
-# >>pictures, all with Mesa's software renderer
+# >>pictures, all made with Mesa's software renderer
 
 export LIBGL_ALWAYS_SOFTWARE=1
 look() { (cd "$folder" && ./picture "$@"); }
@@ -144,7 +146,7 @@ here() { mkdir -p "$folder/here" && scripts/build minimal && build/minimal "$fol
 gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 
-# like macOS: no compute shaders, no clip control
+# like macOS: without compute shaders and clip control
 gl_41() {
     mkdir -p "$folder/gl_41" &&
     MESA_GL_VERSION_OVERRIDE=4.1FC MESA_GLSL_VERSION_OVERRIDE=410 \
@@ -172,7 +174,7 @@ fi
 
 # >>wine
 
-# uses 700 MB temporarily; leaves nothing in the home folder
+# wine uses 700 MB temporarily, and leaves nothing in the home folder
 export TMPDIR="$folder" WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml,winemenubuilder.exe='
 run() { mkdir -p "$folder/there" && (cd "$folder" && with_display wine "$@"); }
 minimal_there() { run "$copy/build/minimal.exe" there && look alike here/minimal.png there/minimal.png; }

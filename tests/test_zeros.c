@@ -1,6 +1,6 @@
-/* The rule of zeros: zero is the default of every field of a descriptor, and a negative number asks for zero itself.
-   The functions that fill in defaults keep this rule when they are applied again, and queries without a context return
-   zeroes. */
+/* Tests of the rule of zeros: zero in a field of a descriptor means its default, and a negative number means zero. The
+   functions that fill in defaults keep this rule when they are applied again, and queries without a context return
+   zeros. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -19,8 +19,8 @@ static sbl_options options_of(int mode, int preset, float epsilon) {
     return o;
 }
 
-/* Filling in defaults twice must equal filling them in once. given: a descriptor. kept: a condition on d, the
-   descriptor with its defaults. */
+/* Checks that filling in defaults twice gives the same as once. given: a descriptor; kept: a condition on d, the
+   descriptor with its defaults */
 #define TWICE(front_end, given, kept) do {                                                                      \
         const sbl_##front_end##_desc d = sbl_##front_end##_desc_defaults(&given);                               \
         const sbl_##front_end##_desc again = sbl_##front_end##_desc_defaults(&d);                               \
@@ -29,7 +29,7 @@ static sbl_options options_of(int mode, int preset, float epsilon) {
         CHECK(kept, #front_end ", mode %d, preset %d: a negative number is replaced", mode, preset);          \
     } while (0)
 
-/* sign: 0, or -1 for all fields in which a negative number means zero. */
+/* Applies TWICE to all descriptors. sign: 0, or -1 for all fields in which a negative number means zero */
 static void fill_twice(int mode, int preset, float sign) {
     const sbl_options options = options_of(mode, preset, sign);
     const int ambient = mode == SBL_MODE_AMBIENT || mode == SBL_MODE_PAPER, negative = sign < 0;
@@ -56,7 +56,7 @@ static void fill_twice(int mode, int preset, float sign) {
     TWICE(probes, probes, d.probe_count == 27 && (!negative || !ambient || d.options.epsilon < 0));
 }
 
-/* Filling in defaults twice equals filling them in once, for all front ends, modes and presets. */
+/* Filling in defaults twice gives the same as once, for all kinds of work, modes and presets. */
 TEST(defaults_are_idempotent) {
     sbl_context_desc once = sbl_context_desc_defaults(NULL), again = sbl_context_desc_defaults(&once);
     int mode, preset;
@@ -74,7 +74,7 @@ TEST(defaults_are_idempotent) {
         CHECK(memcmp(&is, &none, sizeof is) == 0, #value " is not all zeroes");  \
     } while (0)
 
-/* Queries of a NULL context return zeroes. */
+/* Queries of a NULL context return zeros. */
 TEST(queries_without_a_context_are_zeroes) {
     IS_ZERO(sbl_context_desc, sbl_query_desc(NULL));
     IS_ZERO(sbl_capabilities, sbl_query_capabilities(NULL));
@@ -110,8 +110,8 @@ TEST(negative_epsilon_is_no_ambient_light) {
     scene_free(&s);
 }
 
-/* A point light over a floor: R differs from pixel to pixel, without noise, so that a negative threshold must put a
-   sensor at almost every pixel. */
+/* Under a point light over a floor, R differs from pixel to pixel without noise. Therefore a negative threshold must
+   place a sensor at almost every pixel. */
 TEST(negative_threshold_refines_every_difference) {
     static const float thresholds[3] = { -1, 0, 1e6f };
     double share[3];
@@ -135,8 +135,8 @@ TEST(negative_threshold_refines_every_difference) {
     CHECK(share[2] < 0.03, "a high threshold refines");
 }
 
-/* Returns the mean distance of a picture's normals from those of the ball that it shows, or -1. facets: 1 if the ball
-   has no normals. */
+/* Returns the mean distance between the normals of a picture and those of the ball that it shows, or -1 on failure.
+   facets: 1 if the ball has no normals */
 static double off_the_ball(int facets, float facet_limit, float **normals) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(64, 64, 40, 0, 0, 3, 0, 0, 0);
@@ -144,7 +144,7 @@ static double off_the_ball(int facets, float facet_limit, float **normals) {
     float *shown, *points;
     double off = 0;
     int i, k, count = 0;
-    /* its facets are 1.4 pixels high */
+    /* facets of this ball are 1.4 pixels high */
     scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 128, 64, !facets);
     view.options.mode = SBL_MODE_DIRECT;
     view.tile = 64;
@@ -165,7 +165,7 @@ static double off_the_ball(int facets, float facet_limit, float **normals) {
     return count ? off / count : -1;
 }
 
-/* The default of facet_limit is 2 pixels; a negative one keeps all shading normals. */
+/* The default of facet_limit is 2 pixels. A negative limit keeps all shading normals. */
 TEST(negative_facet_limit_is_shading_normals_everywhere) {
     static const float limits[4] = { 0, 2, -1, 1 };
     float *normals[4];
@@ -182,7 +182,7 @@ TEST(negative_facet_limit_is_shading_normals_everywhere) {
     for (i = 0; i < 4; i++) free(normals[i]);
 }
 
-/* With a negative scale, the picture equals the one without an environment, to the bit. */
+/* With a negative scale of the environment, the picture equals the one without an environment, to the bit. */
 TEST(negative_scale_is_no_light_of_the_environment) {
     static const float white[4] = { 1, 1, 1, 1 };
     static small_picture without, none, usual;
@@ -206,8 +206,8 @@ TEST(negative_scale_is_no_light_of_the_environment) {
     scene_free(&s);
 }
 
-/* Without a camera, the whole scene is seen in pictures of any shape: no pixel of the border shows a surface, and the
-   scene fills a good part of the picture's shorter side. */
+/* The default camera sees the complete scene, in pictures of any shape: no pixel at the border shows a surface, and the
+   scene fills a large part of the shorter side of the picture. */
 TEST(the_default_camera_shows_all) {
     static const int sizes[3][2] = { { 48, 48 }, { 96, 24 }, { 24, 96 } };
     test_scene s = { 0 };

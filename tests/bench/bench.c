@@ -1,20 +1,20 @@
 /* bench: measures how fast sbl.h gathers light.
        bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]     default: all parts
-   raster: the gain of gathering in batches, in the Cornell box of 32 triangles. For each kind of sensor and several
-   sizes, these are measured alternately in one process and one GL context:
+   raster: the gain from gathering in batches, in the Cornell box of 32 triangles. For each kind of sensor and several
+   sizes, three times are measured alternately in one process and one GL context:
        sbl      the gather of a picture with a sensor at every pixel (sbl_stats.seconds.gather)
-       plain    the same work without batches, by GL code in this file: for every sensor a clear, one draw per view,
-                two reduction passes and a readback. It uses the same points, normals, projections, texel formats,
-                weights and sums, but does not rotate the views about the normal
-       fill     the time in which GL fills as many texels as the views of the sensors have, times the mean depth
-                complexity of the scene (counted by additive blending); passes write a constant to a whole target
+       plain    the same work without batches, by GL code in this file: for every sensor a clear, one draw per view, two
+                reduction passes and a readback. It uses the same points, normals, projections, texel formats, weights
+                and sums, but does not rotate the views about the normal
+       fill     the time that GL needs to fill as many texels as the views of the sensors have, times the mean depth
+                complexity of the scene (counted by additive blending); each pass writes a constant to a complete target
    trace: the cost of rays in the Cornell box, in rooms of 1,000 to 1,000,000 triangles, and in scene FILEs (default:
    two rooms beside the repository, if they exist). They are compared with rasterised sensors of about the same error
    and, if it is installed, with Embree. Every pixel has a sensor. There are no lamps: each surface radiates its albedo,
    so that the light is smooth. All scenes and methods are measured alternately.
    lamps: see bench_lamps.h.
-   Prints the medians of the runs; --json prints them as one JSON object; --quick measures less. A slow result is never
-   a failure. The bench fails only if something does not work, or if two methods find different light. */
+   The bench prints the medians of the runs; --json prints them as one JSON object; --quick measures less. A slow result
+   is never a failure. The bench fails only if something does not work, or if two methods find different light. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -46,8 +46,8 @@ static double now(void) {
 
 static int fail(const char *what) { return fprintf(stderr, "bench: %s\n", what), 0; }
 
-/* Returns the seconds at which an error is reached: linear interpolation in logarithms of both axes between the two
-   measured points around it, or the last two. */
+/* Returns the seconds at which an error is reached, by linear interpolation in the logarithms of both between the two
+   neighbouring measured points, or by extrapolation from the last two. */
 static double seconds_at(const double *seconds, const double *errors, int count, double error) {
     int i = 0;
     while (i + 2 < count && errors[i + 1] > error) i++;
@@ -55,7 +55,7 @@ static double seconds_at(const double *seconds, const double *errors, int count,
     return seconds[i] * exp(log(seconds[i + 1] / seconds[i]) * log(error / errors[i]) / log(errors[i + 1] / errors[i]));
 }
 
-/* ---- the method without batches */
+/* ---- gathering without batches */
 
 static const char draw_vertex[] =
     "layout(location = 0) in vec3 position;\n"
@@ -128,7 +128,7 @@ static void target_free(target *t) {
 }
 
 static struct {
-    GLuint draw, count, block, sum, fill;  /* programs */
+    GLuint draw, count, block, sum, fill;  /* GL programs */
     GLuint vertex_array, vertex_buffer, empty_array;
     target fill_target;
 } plain;
@@ -176,18 +176,19 @@ static void plain_stop(void) {
     target_free(&plain.fill_target);
 }
 
-/* One kind of sensor at one size: its views side by side on a sheet. The sides of a hemicube end at the horizon. */
+/* One kind of sensor at one size, with its views side by side on a sheet. The sides of a hemicube end at the
+   horizon. */
 typedef struct sheet {
     int size, views, width, height, rects[5][4];
-    float half;          /* half of the view's width, at unit distance */
+    float half;          /* half of the width of a view at unit distance */
     int blocks[2];
     GLuint weights;
     target texels, block_sums, sum;
 } sheet;
 
-/* Returns the form factor (projected solid angle / pi) of a rectangle in the plane at unit distance, from the
-   antiderivative at its four corners. top: the plane is perpendicular to the normal; otherwise it contains the
-   direction of the normal, and y is the height above the horizon. */
+/* Returns the form factor (projected solid angle / pi) of a rectangle in the plane at unit distance, by the
+   antiderivative at its four corners. top: 1: the plane is perpendicular to the normal; 0: it contains the direction of
+   the normal, and y is the height above the horizon */
 static double texel_weight(int top, double x0, double x1, double y0, double y1) {
     double sum = 0;
     int i;
@@ -201,7 +202,7 @@ static double texel_weight(int top, double x0, double x1, double y0, double y1) 
 }
 
 static int sheet_make(sheet *s, int hemicube, int size) {
-    /* in units of half the size */
+    /* in units of half the size of a view */
     static const int cells[5][4] = { { 0, 0, 2, 2 }, { 2, 0, 2, 1 }, { 2, 1, 2, 1 }, { 0, 2, 2, 1 }, { 2, 2, 2, 1 } };
     float *weights;
     int view, x, y, k;
@@ -263,7 +264,7 @@ static void view_matrix(const sheet *s, int view, vec3 eye, vec3 normal, float m
     }
     rows[0] = vec3_mix(vec3_make(0, 0, 0), 1 / s->half, right);
     rows[1] = view ? vec3_mix(vec3_mix(vec3_make(0, 0, 0), 2, up), -1, forward)
-        : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side view shows 0 to 1 */
+        : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side view shows y from 0 to 1 */
     rows[2] = rows[3] = forward;
     for (i = 0; i < 4; i++) offsets[i] = -vec3_dot(rows[i], eye);
     offsets[2] -= 2 * near;  /* clip z = w - 2 near */
@@ -296,7 +297,7 @@ static void texture_use(GLuint program, const char *name, GLint unit, GLuint tex
     gl.Uniform1i(host_gl_uniform(program, name), unit);
 }
 
-/* Computes the weighted sum of one sheet's texels in two passes, and reads it back. */
+/* Computes the weighted sum of the texels of a sheet in two passes, and reads it back. */
 static void sheet_sum(const sheet *s, float sum[4]) {
     gl.Disable(GL_DEPTH_TEST);
     gl.BindVertexArray(plain.empty_array);
@@ -316,7 +317,7 @@ static void sheet_sum(const sheet *s, float sum[4]) {
 
 typedef struct points { int count; vec3 *positions, *normals; } points;
 
-/* Returns the seconds for all points. mean: their mean light. */
+/* Measures light at all points. Returns the seconds. mean: receives the mean light */
 static double plain_gather(const sheet *s, const points *p, double mean[3]) {
     double start = now();
     int i, k;
@@ -358,7 +359,8 @@ static double depth_complexity(const sheet *s, const points *p) {
     return sum / p->count / (s->width * s->height);
 }
 
-/* Returns the seconds per texel of passes that write a constant to a whole target of the view texture's format. */
+/* Returns the seconds per texel of passes that write a constant to a complete target in the format of the view
+   texture. */
 static double fill_seconds(int passes) {
     double start;
     int i;
@@ -372,16 +374,16 @@ static double fill_seconds(int passes) {
     start = now();
     for (i = 0; i < passes; i++) {
         gl.DrawArrays(GL_TRIANGLES, 0, 3);
-        gl.Finish();  /* after each pass, because a tiling renderer omits passes that the next one overwrites */
+        gl.Finish();  /* waits after each pass, because a tiling renderer omits passes that the next one overwrites */
     }
     return (now() - start) / passes / ((double)FILL_SIZE * FILL_SIZE);
 }
 
-/* ---- sbl.h */
+/* ---- gathering with sbl.h */
 
-/* Profile of a gather: sbl.h gets GL functions that wait for the GPU before and after each call, in a separate run that
-   is not timed otherwise. A gather starts with an instanced draw of its views and ends with the reading of its results;
-   draws over the full target in between are the reduction. */
+/* Profiles a gather. sbl.h gets GL functions that wait for the GPU before and after each call; this happens in a
+   separate run, which is not timed otherwise. A gather starts with an instanced draw of its views and ends with the
+   reading of its results; draws over the complete target in between are the reduction. */
 enum { CLEAR, DRAW, REDUCE, READ, PARTS };
 static struct { int on, drawn, read; double seconds[PARTS]; } profile;
 
@@ -409,7 +411,7 @@ static void APIENTRY draw_instanced(GLenum mode, GLsizei count, GLenum type, con
     profile.read = 0;
 }
 
-/* A single triangle that covers a target, after views have been drawn, belongs to the reduction. */
+/* A single triangle that covers a target belongs to the reduction if views have been drawn before. */
 static void APIENTRY draw_arrays_instanced(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
     const int reduces = count == 3 && instances == 1 && profile.drawn && !profile.read;
     double start = profile.on ? profile_start() : 0;
@@ -445,12 +447,12 @@ static int box_render(sbl_context *context, int hemicube, int size, int side, sb
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason on stderr */
+    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason to stderr */
     *stats = sbl_query_stats(context);
     return stats->sensors.count > 0 || fail("the picture has no sensors");
 }
 
-/* Reads every stride-th surface point of the finished picture, and the mean R of sbl.h at these points. */
+/* Reads every stride-th surface point of the finished picture, and the mean R that sbl.h measured at these points. */
 static int points_read(sbl_context *context, int side, int most, points *p, double mean[3]) {
     size_t pixels = (size_t)side * (size_t)side, i, count = 0, stride;
     float *values = (float *)malloc(pixels * 10 * sizeof(float));
@@ -483,11 +485,11 @@ static int points_read(sbl_context *context, int side, int most, points *p, doub
 
 typedef struct row {
     int hemicube, size, runs;
-    double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* microseconds per sensor */
+    double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* in microseconds per sensor */
     double speedup[RUNS_MOST], over_fill[RUNS_MOST];                              /* ratios within a run */
-    /* microseconds per sensor, in a separate run */
+    /* in microseconds per sensor, from a separate run */
     double parts[PARTS];
-    /* light_ratio: mean R of sbl.h divided by that of the plain method */
+    /* light_ratio: mean R of sbl.h divided by that of the method without batches */
     double complexity, light_ratio;
     long long sensors;
 } row;
@@ -510,7 +512,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     sbl_stats stats;
     double light[3], plain_light[3];
     int run, ok;
-    /* this first picture also warms up */
+    /* this first picture also warms up the driver */
     ok = sheet_make(&s, r->hemicube, r->size) && box_render(context, r->hemicube, r->size, side, &stats) &&
          points_read(context, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
@@ -605,8 +607,8 @@ static int raster_part(int json, int quick) {
         r->size = sizes[i / 2];
         ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72,
                          quick ? 64 : r->size > 64 ? 128 : 384);
-        /* coarse sensors agree only roughly: few texels cover the lamp, and the plain method does not rotate its
-           views */
+        /* coarse sensors agree only roughly, because few texels cover the lamp, and the method without batches does not
+           rotate its views */
         if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
             fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the light of the plain method; the comparison is "
                     "invalid\n",
@@ -625,7 +627,7 @@ static int raster_part(int json, int quick) {
 
 enum { BALLS = 40, ROOMS = 5, FILES_MOST = 8, RAYS = 3, VIEWS = 5, SMALL_MOST = 48, SIDE_MOST = 1024 };
 enum { REFERENCE_RAYS = 4096, REFERENCE_SEED = 77 };
-/* in scenes of at least this many triangles, rasterised sensors are measured once, at one size */
+/* in scenes of at least this many triangles, rasterised sensors are measured only once, at one size */
 enum { HEAVY = 200000 };
 static const int room_triangles[ROOMS] = { CORNELL_TRIANGLES, 1000, 32768, 131072, 1000000 };
 static const int ray_counts[RAYS] = { 64, 256, 1024 }, view_sizes[VIEWS] = { 4, 8, 16, 32, 64 };
@@ -642,7 +644,7 @@ static double room_random(uint32_t *state) {
     return (*state >> 8) / 16777216.0;
 }
 
-/* Makes a ball of about the given number of triangles; returns 0 if memory runs out. */
+/* Makes a ball of about this many triangles. Returns 0 if memory runs out. */
 static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], double radius, int triangles) {
     const double pi = 4 * atan(1.0);
     int stacks = (int)((1 + sqrt(1.0 + triangles)) / 2), slices, vertices, i, j, n = 0;
@@ -655,7 +657,7 @@ static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], do
     arrays[0] = positions = (float *)malloc((size_t)vertices * 3 * sizeof *positions);
     arrays[1] = indices = (uint32_t *)malloc((size_t)slices * (size_t)(stacks - 1) * 6 * sizeof *indices);
     if (!positions || !indices) return 0;
-    for (i = 0; i < vertices; i++) {  /* the two poles, then the rings */
+    for (i = 0; i < vertices; i++) {  /* first the two poles, then the rings */
         double theta = i == 0 ? 0 : i == 1 ? pi : pi * ((i - 2) / slices + 1) / stacks,
             phi = 2 * pi * ((i + slices - 2) % slices) / slices;
         double x = sin(theta) * cos(phi), y = cos(theta), z = sin(theta) * sin(phi);
@@ -694,8 +696,8 @@ static int room_make(room *r, int triangles, sbl_scene_desc *desc) {
     for (i = 0; i < BALLS && left > 0; i++) {
         sbl_mesh *mesh = &r->meshes[CORNELL_QUADS + i];
         double *centre = centres[i];
-        radii[i] = 90 * pow(6, -i / (BALLS - 1.0));  /* 90 to 15 */
-        for (attempt = 0; attempt < 1000; attempt++) {  /* until the ball touches no other */
+        radii[i] = 90 * pow(6, -i / (BALLS - 1.0));  /* radii from 90 to 15 */
+        for (attempt = 0; attempt < 1000; attempt++) {  /* tries places until the ball touches no other */
             for (k = 0; k < 3; k++) centre[k] = 1.2 * radii[i] + (size[k] - 2.4 * radii[i]) * room_random(&random);
             for (j = 0; j < i; j++) {
                 double x = centre[0] - centres[j][0], y = centre[1] - centres[j][1], z = centre[2] - centres[j][2];
@@ -715,7 +717,7 @@ typedef struct place {
     char name[32];
     sbl_scene_desc desc;
     sbl_material *materials;      /* the materials of desc, with their lamps off */
-    room *room;                   /* the source of the scene: a room or a file */
+    room *room;                   /* source of the scene: a room or a file */
     scene_file *file;
     sbl_context *context;
     embree *embree;
@@ -727,17 +729,18 @@ typedef struct place {
     float reference[3 * SMALL_MOST * SMALL_MOST];
     double errors[RAYS + VIEWS];
     int runs, view_runs[VIEWS];
-    /* microseconds per sensor, millions of rays per second */
+    /* in microseconds per sensor; in millions of rays per second */
     double us[RAYS + VIEWS][RUNS_MOST], mrays[RAYS][RUNS_MOST];
-    double bvh[RUNS_MOST];                                       /* seconds */
+    double bvh[RUNS_MOST];                                       /* seconds to build the hierarchy */
     size_t bvh_bytes;
-    /* Embree's millions of rays per second, 64 rays per point, on one thread and on all */
+    /* millions of rays per second of Embree, with 64 rays per point, on one thread and on all */
     double embree_one[RUNS_MOST], embree_all[RUNS_MOST];
-    double over_embree[RUNS_MOST];                               /* speed of sbl.h divided by Embree's on all threads */
+    double over_embree[RUNS_MOST];                               /* speed of sbl.h divided by that of Embree */
     double embree_light[3];
 } place;
 
-/* amount: rays of a traced sensor, or texels across the view of a rasterised one */
+/* Renders a picture of the place. Returns 0 on failure. amount: rays of a traced sensor, or texels across the view of a
+   rasterised one */
 static int place_render(place *p, sbl_backend backend, int amount, int side, uint32_t seed, sbl_stats *stats) {
     sbl_picture_desc view = p->view;
     view.width = view.height = side;
@@ -750,12 +753,12 @@ static int place_render(place *p, sbl_backend backend, int amount, int side, uin
     view.filter_radius = -1;
     view.samples = 1;
     view.options.seed = seed;
-    if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason on stderr */
+    if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason to stderr */
     *stats = sbl_query_stats(p->context);
     return (stats->backend == backend && stats->sensors.count > 0) || fail("the picture has no sensors");
 }
 
-/* Relative RMSE of R in the small picture that was rendered last. */
+/* Computes the relative RMSE of R in the small picture that was rendered last. */
 static int place_error(const place *p, double *error) {
     static float radiance[3 * SMALL_MOST * SMALL_MOST];
     size_t values = 3 * (size_t)p->small * (size_t)p->small, i, count = 0;
@@ -792,7 +795,7 @@ static int place_prepare(place *p) {
     return 1;
 }
 
-/* Prints errors only, because there would be a warning about degenerate triangles every time. */
+/* Prints only errors, because otherwise each run would repeat a warning about degenerate triangles. */
 static void log_error(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)item;
     (void)user;
@@ -811,7 +814,7 @@ static int place_open(place *p, int quick) {
     desc.logger.log = log_error;
     if (!place_prepare(p) || sbl_create(&desc, &p->context) != SBL_SUCCESS || sbl_set_scene(p->context, &p->desc) !=
         SBL_SUCCESS) return 0;
-    for (p->side = 64; ; p->side *= 2) {  /* large enough to be timed, also on a GPU */
+    for (p->side = 64; ; p->side *= 2) {  /* makes the picture large enough to be timed, also on a GPU */
         for (k = 0; k < 2; k++)
             if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[0], p->side, 0, &stats)) return 0;
         if (quick || stats.seconds.gather > 0.08 || p->side >= SIDE_MOST) break;
@@ -847,7 +850,7 @@ static void place_close(place *p) {
     free(p->points.positions);
 }
 
-/* One run: sets the scene again, then measures each method once. */
+/* Runs one round: sets the scene again, then measures each method once. */
 static int place_run(place *p) {
     sbl_stats stats;
     int i, n = p->runs;
@@ -895,7 +898,7 @@ static double median_ratio(const double *a, const double *b, int runs) {
     return median(ratios, runs);
 }
 
-/* The size of view whose error is nearest to that of the rays, and the ratio of traced to rasterised sensors per
+/* The size of view whose error is nearest to the error of the rays, and the ratio of traced to rasterised sensors per
    second. */
 typedef struct pair { int texels; double errors, speedup; } pair;
 
@@ -1031,7 +1034,7 @@ static void trace_json(void) {
     printf("]}");
 }
 
-/* Loads rooms and files. Called before GL is started, because files are read in a child process. */
+/* Loads rooms and files. This happens before GL is started, because a child process reads the files. */
 static int trace_load(int quick, char **files, int file_count) {
     int rooms = quick ? 3 : ROOMS, i;
     trace.places = (place *)calloc(ROOMS + FILES_MOST, sizeof *trace.places);

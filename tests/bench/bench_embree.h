@@ -1,6 +1,6 @@
 /* Embree for the bench: the same triangles, and rays from the same points, cosine-distributed about the same normals,
-   one rtcIntersect1 each, on all cores. Textures and cut-outs are ignored. Without BENCH_EMBREE, which scripts/Makefile
-   defines if <embree3/rtcore.h> exists, embree_make returns NULL. Include after sbl.h. */
+   with one rtcIntersect1 per ray, on all cores. Textures and cut-outs are ignored. Without BENCH_EMBREE, which
+   scripts/Makefile defines if <embree3/rtcore.h> exists, embree_make returns NULL. Include after sbl.h. */
 #ifndef BENCH_EMBREE_H
 #define BENCH_EMBREE_H
 
@@ -32,10 +32,10 @@ enum { EMBREE_THREADS_MOST = 64 };
 typedef struct embree {
     RTCDevice device;
     RTCScene scene;
-    float *light;          /* albedo of each mesh, three floats; all surfaces radiate their albedo here */
-    float nearest;         /* nearer hits are the surface that the ray starts from */
+    float *light;          /* albedo of each mesh, three floats; in the bench, each surface radiates its albedo */
+    float nearest;         /* nearer hits are on the surface that the ray starts from */
     int threads;
-    double build_seconds;  /* on one thread */
+    double build_seconds;  /* seconds on one thread */
 } embree;
 
 typedef struct embree_job {
@@ -60,7 +60,7 @@ static void embree_free(embree *e) {
     free(e);
 }
 
-/* Adds a mesh with float positions and indices of any type, as in the bench's scenes. */
+/* Adds a mesh with float positions and indices of any type, as in the scenes of the bench. */
 static int embree_mesh(embree *e, const sbl_mesh *mesh, unsigned id) {
     static const float identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     const float *m = mesh->transform[15] != 0 ? mesh->transform : identity;
@@ -93,7 +93,7 @@ static int embree_mesh(embree *e, const sbl_mesh *mesh, unsigned id) {
     return vertices && corners;
 }
 
-/* Returns NULL if Embree cannot take the scene. */
+/* Builds the scene. Returns NULL if Embree cannot represent it. */
 static embree *embree_make(const sbl_scene_desc *scene, float nearest) {
     embree *e = (embree *)calloc(1, sizeof *e);
     int i, ok;
@@ -125,15 +125,16 @@ static uint32_t embree_hash(uint32_t x) {
     return x ^ x >> 16;
 }
 
-/* Returns the even bits of x, packed. */
+/* Returns the bits of x at even positions, packed. */
 static uint32_t embree_even_bits(uint32_t x) {
     uint32_t bit, out = 0;
     for (bit = 0; bit < 16; bit++) out |= (x >> 2 * bit & 1) << bit;
     return out;
 }
 
-/* rays: a power of 4. Each ray passes through a random point of its cell of a grid on the unit square that maps to the
-   disc. The cells follow a Morton curve, so that consecutive rays are neighbours. */
+/* Casts rays for one thread. The number of rays per point is a power of 4. Each ray passes through a random point of
+   its cell of a grid on the unit square that maps to the disc. The cells follow a Morton curve, so that consecutive
+   rays are neighbours. */
 static void *embree_run(void *user) {
     embree_job *job = (embree_job *)user;
     const float cell = 1 / sqrtf((float)job->rays);
@@ -172,7 +173,8 @@ static void *embree_run(void *user) {
     return NULL;
 }
 
-/* Returns the seconds, or 0 if a thread cannot be started. mean: mean light at the points. */
+/* Casts rays from the points. Returns the seconds, or 0 if a thread cannot be started. mean: receives the mean light at
+   the points */
 static double embree_gather(embree *e, const float *positions, const float *normals, int count, int rays,
                             double mean[3]) {
     embree_job jobs[EMBREE_THREADS_MOST];

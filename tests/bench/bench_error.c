@@ -1,16 +1,16 @@
-/* Compares sbl.h with a path tracer in furnished rooms that are made from seeds, and the error that it predicts with
-   the true one. Rooms with even seeds are for tuning; those with odd seeds are held out and only judge.
+/* Compares sbl.h with a path tracer in furnished rooms that are made from seeds, and its predicted error with the true
+   one. Rooms with even seeds are for tuning; rooms with odd seeds are held out for judging.
        build/bench_error                       rooms 0 to 11 at target errors of 0.8, 1.5 and 3 %
        build/bench_error --rooms 3-9,24 --error 0.015
        build/bench_error --rooms 1000-1003     storeys of twelve rooms, of which the picture shows one
-       build/bench_error --error 0             1024 rays at every pixel and no filter, so that what is left is the
-                                               error of stored light; `predicted` is then that of stored light
-       build/bench_error --pictures FOLDER     also writes R and the predicted error of each room there
-   True pictures are kept in build/truth; increase VERSION when rooms change. One takes minutes of CPU, or 40 for a
-   storey.
-   All errors are shares of the mean R; the noise of the true picture is subtracted. A negative error is too small to
-   be measured against that noise. */
-#define _POSIX_C_SOURCE 200809L  /* clock_gettime */
+       build/bench_error --error 0             1024 rays at every pixel and no filter, so that only the error of stored
+                                               light remains; `predicted` is then that of stored light
+       build/bench_error --pictures FOLDER     also writes R and the predicted error of each room to FOLDER
+   True pictures are kept in build/truth; increase VERSION when rooms change. A true picture takes minutes of processor
+   time, and that of a storey takes 40.
+   All errors are relative to the mean R, and the noise of the true picture is subtracted. A negative error is too small
+   to be measured against that noise. */
+#define _POSIX_C_SOURCE 200809L  /* for clock_gettime */
 #include <ctype.h>
 #include <errno.h>
 #include <math.h>
@@ -27,16 +27,16 @@
 #include "bench_truth.h"
 
 enum { VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536, ROOMS_MOST = 256,
-       NOISE_MOST = 4 };  /* largest usable ratio of the noise of a true picture to the true error of R */
+       NOISE_MOST = 4 };  /* largest allowed ratio of the noise of a true picture to the true error of R */
 
 typedef struct picture { float rgb[3 * PIXELS]; } picture;
 
-/* A room, and the true R at its pixels. Values of `kind`: SMOOTH, EDGE, or 0 for a pixel that does not count. */
+/* A room, and the true R at its pixels. Values of `kind`: SMOOTH, EDGE, or 0 for a pixel that is ignored. */
 enum { SMOOTH = 1, EDGE = 2 };
 typedef struct room {
     furnished made;
     ref_point points[PIXELS];
-    double light[PIXELS], noise[PIXELS];  /* luminance of the true R; the same of half of the samples, minus it */
+    double light[PIXELS], noise[PIXELS];  /* luminance of the true R; from half of the samples, minus light */
     unsigned char kind[PIXELS];
     double mean;
 } room;
@@ -62,7 +62,7 @@ static void write_pfm(const char *name, const float *values, int components) {
     fclose(file);
 }
 
-/* Reads what write_pfm wrote with three components. Returns 0 if there is no such file. */
+/* Reads a picture of three components that write_pfm has written. Returns 0 if the file does not exist. */
 static int read_pfm(const char *name, picture *out) {
     FILE *file = fopen(name, "rb");
     int width = 0, height = 0, y, ok;
@@ -74,9 +74,10 @@ static int read_pfm(const char *name, picture *out) {
     return ok;
 }
 
-/* >>rooms with their truth */
+/* >>rooms and their true pictures */
 
-/* Reads the true picture from build/truth, or makes it. half: from the first half of the samples */
+/* Reads the true picture from build/truth, or computes it. half: receives the picture from the first half of the
+   samples */
 static void room_truth(const room *r, unsigned seed, picture *full, picture *half) {
     const int samples = seed >= FURNISHED_STOREY ? 8 * SAMPLES : SAMPLES;
     char name[2][80];
@@ -88,7 +89,7 @@ static void room_truth(const room *r, unsigned seed, picture *full, picture *hal
         snprintf(name[i], sizeof name[i], "build/truth/%u_%dx%d_v%d%s.pfm", seed, WIDTH, HEIGHT, (int)VERSION,
                  i ? ".half" : "");
     if (!read_pfm(name[0], full) || !read_pfm(name[1], half)) {
-        furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* the same room of smaller triangles, for the guide */
+        furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* with smaller triangles, for the guide */
         truth *t;
         if (!fine) abort();
         fine->piece = 0.2;
@@ -110,7 +111,7 @@ static void room_truth(const room *r, unsigned seed, picture *full, picture *hal
     free(other);
 }
 
-/* Returns 1 if two neighbours show different surfaces, or if light jumps between them by more than noise explains. */
+/* Returns 1 if two neighbours show different surfaces, or if their light differs by more than noise explains. */
 static int room_edge_between(const room *r, int a, int b, double noise) {
     const ref_point *p = &r->points[a], *q = &r->points[b];
     const double jump = fabs(r->light[a] - r->light[b]), most = fmax(r->light[a], r->light[b]);
@@ -172,7 +173,7 @@ static void room_free(room *r) {
 
 static double root(double x) { return x < 0 ? -sqrt(-x) : sqrt(x); }
 
-/* Returns the relative error of means over blocks of pixels; below 0 if it is smaller than its own uncertainty. */
+/* Returns the relative error of means over blocks of pixels; negative if it is smaller than its own uncertainty. */
 static double block_error(const room *r, const double *error, int side, int kinds) {
     double squares = 0, count = 0;
     int x, y, i;
@@ -190,7 +191,7 @@ static double block_error(const room *r, const double *error, int side, int kind
     return count > 0 ? root(squares / count) / r->mean : 0;
 }
 
-/* Returns the root mean square of predicted errors over pixels of these kinds. */
+/* Returns the root mean square of the predicted errors of pixels of these kinds. */
 static double predicted_error(const room *r, const float *predicted, int kinds) {
     double squares = 0, count = 0;
     int i;
@@ -214,7 +215,7 @@ static double worst_error(const room *r, const double *error) {
     return count ? all[(int)(0.999 * count)] : 0;
 }
 
-/* Solves a symmetric system of three equations by Cramer's rule; m: xx xy xz yy yz zz. Returns 0 if it is singular. */
+/* Solves a symmetric system of three equations by Cramer's rule. Returns 0 if it is singular. m: xx xy xz yy yz zz */
 static int solve3(const double m[6], const double b[3], double out[3]) {
     const double c0 = m[3] * m[5] - m[4] * m[4], c1 = m[2] * m[4] - m[1] * m[5], c2 = m[1] * m[4] - m[2] * m[3];
     const double det = m[0] * c0 + m[1] * c1 + m[2] * c2;
@@ -226,8 +227,8 @@ static int solve3(const double m[6], const double b[3], double out[3]) {
 }
 
 /* Returns how far a pixel stands out: its distance from the plane fitted to the light of smooth pixels of the same
-   surface in the 15 x 15 pixels around it, over their standard deviation from that plane, at least 0.2 % of the light.
-   0: it has too few neighbours. */
+   surface in the 15 x 15 pixels around it, divided by their standard deviation from that plane, or by 0.2 % of the
+   light if that is more. Returns 0 if it has too few neighbours. */
 static double speck(const room *r, const double *light, int at) {
     double m[6] = { 0 }, b[3] = { 0 }, plane[3], squares = 0, variance;
     int i, n = 0;
@@ -252,11 +253,12 @@ static double worst_speck(const room *r, const double *light) {
     return most;
 }
 
-/* >>rows */
+/* >>rows of the result */
 
 typedef struct row { double target, predicted, pixel, noise; unsigned seed; } row;
 
-/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone */
+/* Renders a room and prints a row. Returns 0 on failure. out->target: target error; 0 measures the error of stored
+   light alone */
 static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
     static float R[3 * PIXELS], predicted[PIXELS];
     static double light[PIXELS], error[PIXELS];
@@ -291,7 +293,7 @@ static int measure(sbl_context *context, const room *r, const char *folder, row 
            100 * block_error(r, error, 1, EDGE), 100 * edges / all, 100 * predicted_error(r, predicted, SMOOTH),
            100 * block_error(r, error, 1, SMOOTH), 100 * worst_error(r, error), worst_speck(r, light), seconds,
            100 * out->noise);
-    for (i = 0; i < 3; i++) if (r->made.lights[i]) printf(" %s%s", i ? ", " : "", r->made.lights[i]);
+    for (i = 0; i < 3; i++) if (r->made.labels[i]) printf(" %s%s", i ? ", " : "", r->made.labels[i]);
     printf("\n");
     fflush(stdout);
     if (folder) {
@@ -304,8 +306,8 @@ static int measure(sbl_context *context, const room *r, const char *folder, row 
     return 1;
 }
 
-/* Prints how predictions agree with the truth over all rooms whose seeds are even (0) or odd (1). Rooms whose true
-   picture is too noisy are left out. */
+/* Prints how predictions agree with the truth over all rooms with even (0) or odd (1) seeds. Rooms whose true picture
+   is too noisy are omitted. */
 static void summarise(const row *rows, int count, int odd) {
     double sum = 0, squares = 0, least = HUGE_VAL, most = 0;
     int i, n = 0, within = 0;
@@ -341,7 +343,8 @@ static int check(const char *name, const truth *t, v3 p, v3 n, double expected) 
     return 0;
 }
 
-/* A room of 2 x 2 x 2 m with an opening in the wall x = 0, or a lamp 30 cm in front of it, or without either. */
+/* Checks a room of 2 x 2 x 2 m with an opening in the wall x = 0, with a lamp 30 cm in front of it, or without
+   either. */
 static int check_room(int opening, int lamp, double albedo, double glow, double expected) {
     furnished *f = (furnished *)calloc(1, sizeof *f);
     const furnished_hole hole = { 0.5, 1.3, 0.6, 1.5 };
@@ -389,7 +392,7 @@ static int check_truth(void) {
 
 /* >>main */
 
-/* Reads a list such as 0-5,12. Returns the number of seeds, or 0. */
+/* Reads a list such as 0-5,12. Returns the number of seeds, or 0 if the list is not valid. */
 static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
     int count = 0;
     while (isdigit((unsigned char)*text)) {

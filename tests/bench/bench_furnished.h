@@ -1,9 +1,9 @@
-/* Furnished rooms made from a seed: size, windows, lamps, furniture and camera are random. A seed of FURNISHED_STOREY
-   or more makes a storey of many rooms, of which the camera sees one. Include after sbl.h and reference.h.
+/* Makes furnished rooms from a seed: size, windows, lamps, furniture and camera are random. A seed of FURNISHED_STOREY
+   or more makes a storey of many rooms, one of which the camera sees. Include after sbl.h and reference.h.
        furnished f = { 0 };
        furnished_make(&f, seed, 128, 96);
        ... f.scene, f.view, f.windows ... furnished_free(&f);
-   Lengths are in metres. x and z lie in the floor, y points up. All surfaces are flat triangles without normals. */
+   Lengths are in metres. x and z are horizontal, y points up. All surfaces are flat triangles without normals. */
 #ifndef BENCH_FURNISHED_H
 #define BENCH_FURNISHED_H
 
@@ -14,19 +14,19 @@ typedef struct furnished_window { v3 corner, across, up; } furnished_window;
 typedef struct furnished {
     sbl_scene_desc scene;
     sbl_picture_desc view;
-    furnished_window windows[FURNISHED_WINDOWS];  /* openings through which all light of the sky comes */
+    furnished_window windows[FURNISHED_WINDOWS];  /* openings through which all light of the sky enters */
     int window_count;
-    const char *lights[3];                        /* names of the kinds of light, for people */
-    /* while the room is made */
+    const char *labels[3];                        /* up to two kinds of light, then "two rooms"; or "storey" */
+    /* fields that are used while the room is made */
     uint64_t random;
     sbl_mesh meshes[FURNISHED_MESHES];
     sbl_material materials[FURNISHED_MESHES];
     float *positions;
     size_t vertex_count, vertex_room, first[FURNISHED_MESHES];
-    double piece;                                 /* largest length of an edge, or 0; set it before the room is made */
-    double origin[2];                             /* x and z of the room's corner in the world */
-    double size[3], split;                        /* the room; x of a wall across it, or 0 */
-    double turn, at[3];                           /* direction and place of the object under construction */
+    double piece;                                 /* greatest length of an edge; 0: no limit; set it before */
+    double origin[2];                             /* x and z of the corner of the room in the world */
+    double size[3], split;                        /* size of the room; x of a wall across it, or 0 */
+    double turn, at[3];                           /* rotation and position of the object under construction */
     struct { double x, z, radius; } taken[FURNISHED_PLACES];
     int taken_count;
 } furnished;
@@ -38,7 +38,7 @@ static int furnished_below(furnished *f, int count) { return (int)(ref_random(&f
 
 /* >>shapes */
 
-/* Begins an object with a surface of one kind at a place, turned about the vertical axis. */
+/* Begins an object of one material at a position, rotated about the vertical axis. */
 static void furnished_begin(furnished *f, const double rgb[3], double x, double z, double turn) {
     const int number = f->scene.mesh_count++;
     int k;
@@ -50,7 +50,7 @@ static void furnished_begin(furnished *f, const double rgb[3], double x, double 
     f->turn = turn;
 }
 
-/* Begins an object as before, of a grey or coloured material with a largest albedo from low to high. */
+/* Begins an object with a grey or coloured material, whose largest albedo is from low to high. */
 static void furnished_object(furnished *f, double low, double high, double x, double z, double turn) {
     const double albedo = furnished_between(f, low, high), colour = furnished_between(f, -0.6, 0.6);
     double rgb[3];
@@ -59,7 +59,7 @@ static void furnished_object(furnished *f, double low, double high, double x, do
     furnished_begin(f, rgb, x, z, turn);
 }
 
-/* Makes the object under construction a lamp. power: radiance times area of one side */
+/* Makes the object under construction emit light. power: radiance times area of one side */
 static void furnished_glow(furnished *f, double power, double area) {
     const int number = f->scene.mesh_count - 1;
     static const double tint[3] = { 1, 0.85, 0.65 };
@@ -113,7 +113,8 @@ static void furnished_quad(furnished *f, double corners[4][3]) {
     }
 }
 
-/* A rectangle in the plane where coordinate `axis` is `at`; the other two coordinates follow in cyclic order. */
+/* Adds a rectangle in the plane where coordinate `axis` is `at`. low, high: the other two coordinates in cyclic
+   order */
 static void furnished_rectangle(furnished *f, int axis, double at, const double low[2], const double high[2]) {
     double corners[4][3];
     int i;
@@ -134,7 +135,7 @@ static void furnished_box(furnished *f, double x0, double y0, double z0, double 
     }
 }
 
-/* A surface of revolution. profile: radius and height of each of its rings */
+/* Adds a surface of revolution. profile: radius and height of each ring */
 static void furnished_lathe(furnished *f, double profile[][2], int rings, int slices) {
     int i, k, j;
     for (i = 0; i + 1 < rings; i++)
@@ -163,10 +164,10 @@ static void furnished_ball(furnished *f, double y, double radius, int rings, int
 
 /* >>walls */
 
-typedef struct furnished_hole { double low, high, sill, top; } furnished_hole;  /* along the wall, and heights */
+typedef struct furnished_hole { double low, high, sill, top; } furnished_hole;  /* along the wall; heights */
 
-/* A wall from the origin of the object along x with its inner side at z = 0. The holes are in order; their sides reach
-   to z = -depth, where the wall has a second face if `both` is 1. */
+/* Adds a wall from the origin of the object along x, with its inner face at z = 0. holes: sorted by x, not overlapping.
+   Their reveals (jambs, head and sill) extend to z = -depth; if `both` is 1, the wall has a second face there. */
 static void furnished_wall(furnished *f, double length, const furnished_hole *holes, int count, double depth,
                            int both) {
     const double height = f->size[1];
@@ -200,7 +201,8 @@ static v3 furnished_world(const furnished *f, double x, double y, double z) {
     return v3_of(f->at[0] + c * x + s * z, y, f->at[2] - s * x + c * z);
 }
 
-/* A window of a wall at x, z with direction `turn`: frame and bars, and the opening for furnished.windows. */
+/* Adds a window to a wall at x, z with the rotation `turn`: its frame, its bars, and its opening in
+   furnished.windows. */
 static void furnished_glaze(furnished *f, const furnished_hole *h, double x, double z, double turn) {
     const double depth = 0.16, back = -0.1, front = -0.06, thick = furnished_between(f, 0.02, 0.06);
     const int bars = 1 + furnished_below(f, 3);
@@ -219,10 +221,10 @@ static void furnished_glaze(furnished *f, const furnished_hole *h, double x, dou
     w->up = v3_of(0, h->top - h->sill, 0);
 }
 
-/* Floor, ceiling and four walls. windows: number of walls that have windows */
+/* Adds floor, ceiling and four walls. windows: number of walls with windows */
 static void furnished_shell(furnished *f, int windows) {
     const double w = f->size[0], h = f->size[1], d = f->size[2];
-    const double corner[4][2] = { { 0, 0 }, { 0, d }, { w, d }, { w, 0 } };  /* each wall begins in one */
+    const double corner[4][2] = { { 0, 0 }, { 0, d }, { w, d }, { w, 0 } };  /* a wall begins in each corner */
     double low[2] = { 0, 0 }, high[2];
     const int first = furnished_below(f, 4);
     int side, i;
@@ -232,7 +234,7 @@ static void furnished_shell(furnished *f, int windows) {
     furnished_object(f, 0.6, 0.85, 0, 0, 0);
     furnished_rectangle(f, 1, h, low, high);
     for (side = 0; side < 4; side++) {
-        /* seen from inside, a wall runs along x of its own frame; its z points into the room */
+        /* seen from inside, a wall runs along its own x axis; its z axis points into the room */
         const double turn = REF_PI / 2 * (side + 1), length = side & 1 ? w : d;
         const int has = (side + first) % 4 < windows;
         furnished_hole holes[2];
@@ -250,7 +252,7 @@ static void furnished_shell(furnished *f, int windows) {
     }
 }
 
-/* A wall across the room at x, with a door that stands ajar. */
+/* Adds a wall across the room at x, with a door that is ajar. */
 static void furnished_partition(furnished *f, double x) {
     const double d = f->size[2], at = furnished_between(f, 0.3, d - 1.4);
     furnished_hole door;
@@ -261,7 +263,7 @@ static void furnished_partition(furnished *f, double x) {
     furnished_box(f, 0, 0.01, -0.04, 0.88, 2.03, 0);
 }
 
-/* >>furniture, with the origin in the middle of its footprint */
+/* >>furniture; the origin of a piece is the middle of its footprint */
 
 static void furnished_table(furnished *f, double w, double d) {
     const double h = furnished_between(f, 0.4, 0.78), leg = furnished_between(f, 0.012, 0.04);
@@ -273,7 +275,7 @@ static void furnished_table(furnished *f, double w, double d) {
     }
 }
 
-/* A cabinet whose drawers are 2 mm apart and stand in front of its body by 2 mm. */
+/* Adds a cabinet whose drawers are 2 mm apart and 2 mm in front of its body. */
 static void furnished_cabinet(furnished *f, double w, double d, double h) {
     const int rows = 2 + furnished_below(f, 4), columns = 1 + furnished_below(f, 2);
     int row, column;
@@ -323,7 +325,7 @@ static void furnished_vase(furnished *f, double h) {
     furnished_lathe(f, profile, 25, 48);
 }
 
-/* Finds a free place for an object on the floor. Returns 0 if there is none. wall: the object stands at a wall */
+/* Finds a free place for an object on the floor. Returns 0 if there is none. wall: 1 if the object stands at a wall */
 static int furnished_place(furnished *f, double w, double d, int wall, double out[3]) {
     const double radius = 0.5 * sqrt(w * w + d * d) * (wall ? 0.85 : 1);
     int attempt, i;
@@ -384,7 +386,7 @@ static void furnished_lamp(furnished *f, int kind) {
         rings[0][0] = -d; rings[0][1] = -w; rings[1][0] = d; rings[1][1] = w;
         furnished_rectangle(f, 1, y, rings[0], rings[1]);
         furnished_glow(f, 8, 4 * w * d);
-    } else if (kind == 1 || kind == 4) {  /* floor lamp with a shade that is open at both ends; uplight in a bowl */
+    } else if (kind == 1 || kind == 4) {  /* floor lamp with a shade that is open at both ends, or uplight in a bowl */
         y = kind == 1 ? furnished_between(f, 1.2, 1.6) : furnished_between(f, 1.5, top - 0.3);
         if (!furnished_place(f, 2 * r, 2 * r, 0, at)) { at[0] = x; at[1] = z; }
         furnished_begin(f, dark, at[0], at[1], 0);
@@ -421,7 +423,7 @@ static void furnished_lamp(furnished *f, int kind) {
 
 /* >>rooms */
 
-/* Sets the scene's pointers when all objects have been made. */
+/* Sets the pointers of the scene when all objects have been made. */
 static void furnished_finish(furnished *f) {
     int i;
     for (i = 0; i < f->scene.mesh_count; i++) {
@@ -434,7 +436,7 @@ static void furnished_finish(furnished *f) {
     f->scene.material_count = f->scene.mesh_count;
 }
 
-/* The camera stands in a corner and looks at a place near the room's centre. */
+/* Places the camera in a corner, looking at a point near the centre of the room. */
 static void furnished_camera(furnished *f, int width, int height) {
     const int corner = furnished_below(f, 4);
     const double w = f->split > 0 ? f->split : f->size[0], d = f->size[2];
@@ -450,7 +452,7 @@ static void furnished_camera(furnished *f, int width, int height) {
     sbl_perspective(f->view.view_to_clip, (float)furnished_between(f, 50, 75), (float)width / (float)height);
 }
 
-/* One storey of a building: 4 x 3 equal rooms with doorways between neighbours. The camera stands in one room of the
+/* Makes one storey of a building: 4 x 3 equal rooms with doorways between neighbours. The camera is in a room of the
    middle row. A room beside it is a bright stairwell; some of the others have lamps. */
 static void furnished_storey(furnished *f, int width, int height) {
     enum { ACROSS = 4, DEEP = 3 };
@@ -485,7 +487,7 @@ static void furnished_storey(furnished *f, int width, int height) {
         for (i = room == bright ? 6 : furnished_below(f, 3) == 0; i > 0; i--) furnished_lamp(f, 0);
         for (i = 4 + furnished_below(f, 6); i > 0; i--) furnished_furniture(f);
     }
-    f->lights[0] = "storey";
+    f->labels[0] = "storey";
     furnished_finish(f);
 }
 
@@ -497,19 +499,19 @@ static void furnished_make(furnished *f, unsigned seed, int width, int height) {
     f->size[0] = furnished_between(f, 2.8, 6.5);
     f->size[1] = furnished_between(f, 2.3, 3.2);
     f->size[2] = furnished_between(f, 2.8, 6.5);
-    kinds[0] = (int)(seed / 2 % 6);  /* even and odd seeds have the same kinds */
+    kinds[0] = (int)(seed / 2 % 6);  /* even and odd seeds get the same kinds of light */
     kinds[1] = furnished_below(f, 5) < 2 ? furnished_below(f, 6) : kinds[0];
     if (furnished_below(f, 4) == 0) {
         f->size[0] += 2.5;
         f->split = f->size[0] * furnished_between(f, 0.45, 0.65);
     }
     furnished_camera(f, width, height);
-    for (i = 0; i < 2; i++) f->lights[i] = i == 0 || kinds[1] != kinds[0] ? names[kinds[i]] : NULL;
-    f->lights[2] = f->split > 0 ? "two rooms" : NULL;
+    for (i = 0; i < 2; i++) f->labels[i] = i == 0 || kinds[1] != kinds[0] ? names[kinds[i]] : NULL;
+    f->labels[2] = f->split > 0 ? "two rooms" : NULL;
     furnished_shell(f, kinds[0] == 5 || kinds[1] == 5 ? 1 + furnished_below(f, 2) : 0);
     if (f->split > 0) furnished_partition(f, f->split);
     for (k = 0; k < 3; k++) f->scene.sky[k] = (float)(f->window_count ? 3 + k : 0);
-    for (i = 0; i < 2; i++) if (f->lights[i] && kinds[i] != 5) furnished_lamp(f, kinds[i]);
+    for (i = 0; i < 2; i++) if (f->labels[i] && kinds[i] != 5) furnished_lamp(f, kinds[i]);
     pieces = 4 + furnished_below(f, 9);
     for (i = 0; i < pieces; i++) furnished_furniture(f);
     furnished_finish(f);

@@ -1,7 +1,7 @@
 /* bench lamps: measures the time of a sensor under 1 to 10,000 emitting triangles of the same total area, at equal
-   error. The triangles are a panel that is cut into more and more pieces, or scattered through the room. A plate below
-   them hides a part, so that nearly every sensor has a penumbra. There is a sensor at every pixel; the truth is 4,096
-   rays with other seeds. */
+   error. The triangles are a panel that is cut into more and more pieces, or are scattered through the room. A plate
+   below them hides some, so that nearly every sensor has a penumbra. There is a sensor at every pixel; the truth is
+   from 4,096 rays with other seeds. */
 #ifndef BENCH_LAMPS_H
 #define BENCH_LAMPS_H
 
@@ -10,7 +10,8 @@ static const char *const lamp_kinds[LAMP_KINDS] = { "panel", "scattered" };
 static const int lamp_rays[LAMP_RAYS] = { 64, 256, 1024 };
 static const double lamp_target = 0.01;  /* relative RMSE at which times are compared */
 
-/* Makes at least `count` triangles at x, z in -4 to 4 and y about 4, with a total area of 4. Returns their number. */
+/* Makes at least `count` triangles with x and z from -4 to 4, y about 4, and a total area of 4. Returns their
+   number. */
 static int lamps_scatter(int kind, int count, float *corners) {
     int side = (int)ceil(sqrt(count / 2.0)), made = 0, i, k;
     uint32_t state = 5;
@@ -35,7 +36,7 @@ static int lamps_scatter(int kind, int count, float *corners) {
     return made;
 }
 
-/* Returns R at every pixel, which the caller frees. seconds: per sensor. */
+/* Returns R at every pixel, which the caller frees. seconds: receives the seconds per sensor */
 static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double *seconds) {
     float *radiance = (float *)malloc(LAMP_SIDE * LAMP_SIDE * 3 * sizeof(float));
     sbl_picture_desc view = { 0 };

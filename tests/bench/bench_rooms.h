@@ -1,4 +1,4 @@
-/* The rooms that benches measure, with their cameras. Include after sbl.h and scene_file.h. */
+/* The rooms that the benches measure, with their cameras. Include after sbl.h and scene_file.h. */
 #ifndef BENCH_ROOMS_H
 #define BENCH_ROOMS_H
 
@@ -26,7 +26,7 @@ static inline int bench_room_exists(const bench_room *r) {
     return file != NULL;
 }
 
-/* Loads a room. Sets the scene, and the size and the camera of the view. Returns NULL, with a message, on failure. */
+/* Loads a room. Sets the scene, and the size and camera of the view. Returns NULL and prints a message on failure. */
 static inline scene_file *bench_room_load(const bench_room *r, int width, int height, sbl_scene_desc *scene,
                                           sbl_picture_desc *view) {
     char error[512];
@@ -43,12 +43,12 @@ static inline scene_file *bench_room_load(const bench_room *r, int width, int he
     return file;
 }
 
-/* A room that is made at random: a box with boxes and balls, and lamps or a window with sky. The constants with which
-   sbl_progress predicts times were chosen with these rooms, so that the rooms of ../shared can test them. */
+/* A random room: a box with boxes and balls, and lamps or a window with sky. The constants with which sbl_progress
+   predicts times were chosen with these rooms, so that the rooms of ../shared can test them. */
 typedef struct bench_random {
     float positions[400000][3], albedo[3][3];
     unsigned indices[600000];
-    sbl_mesh meshes[3];          /* things, walls, lamps */
+    sbl_mesh meshes[3];          /* furniture, walls, lamps */
     sbl_material materials[3];
     int vertices, corners;
     uint32_t seed;
@@ -59,7 +59,7 @@ static inline float bench_number(bench_random *b, float from, float to) {
     return from + (to - from) * (float)(b->seed >> 8) / 16777216.0f;
 }
 
-/* Appends a parallelogram of n x n quads. */
+/* Adds a parallelogram of n x n quads. */
 static inline void bench_grid(bench_random *b, const float p[4][3], int n) {
     int x, y, k;
     for (y = 0; y <= n; y++)
@@ -77,8 +77,8 @@ static inline void bench_grid(bench_random *b, const float p[4][3], int n) {
         }
 }
 
-/* Appends a box that is turned about the vertical, or a ball if round is 1. faces: bit 2 * axis + side of each face
-   that exists */
+/* Adds a box that is rotated about the vertical axis, or a ball if round is 1. faces: mask of the faces that exist,
+   with the bits 2 * axis + side */
 static inline void bench_box(bench_random *b, const float at[3], const float size[3], float turn, int n, int round,
                              int faces) {
     int axis, side, k, i;
@@ -115,7 +115,7 @@ static inline void bench_mesh(bench_random *b, int mesh, int first) {
     m->material = mesh;
 }
 
-/* Makes the room of a seed. Returns NULL if memory is exhausted. */
+/* Makes the room of a seed. Returns NULL if memory runs out. */
 static inline bench_random *bench_room_random(unsigned seed, int width, int height, sbl_scene_desc *scene,
                                               sbl_picture_desc *view) {
     bench_random *b = (bench_random *)calloc(1, sizeof *b);
@@ -145,7 +145,7 @@ static inline bench_random *bench_room_random(unsigned seed, int width, int heig
         b->indices[i] = b->indices[i + 1];
         b->indices[i + 1] = corner;
     }
-    if (window) {  /* the wall at the left is a frame of four pieces */
+    if (window) {  /* the left wall is a frame of four pieces around the window */
         const float sill = bench_number(b, 0.2f, 0.8f), wide = bench_number(b, 0.2f, 0.9f);
         float at[3] = { 0, 0, 0 }, size[3];
         at[0] = -half[0]; size[0] = 0.01f;
@@ -190,7 +190,7 @@ static inline bench_random *bench_room_random(unsigned seed, int width, int heig
     return b;
 }
 
-/* Returns the seconds of a clock, such as CLOCK_MONOTONIC. */
+/* Returns the seconds of a clock such as CLOCK_MONOTONIC. */
 static inline double bench_clock(clockid_t id) {
     struct timespec t;
     clock_gettime(id, &t);

@@ -1,9 +1,9 @@
-/* bench_steps [--slice SECONDS] [NAME...]: measures how long sbl_step takes when a slice is requested, and the cost of
+/* bench_steps [--slice SECONDS] [NAME...]: measures how long sbl_step takes for a requested slice, and the cost of
    slices. For each picture it prints the seconds of sbl_begin_picture, a histogram of the seconds of all calls of
-   sbl_step including those that build the hierarchy (shaders are compiled before), the seconds of all steps compared
-   with those of one sbl_render_picture, and the longest submission. A submission is the work that GL gets from one
-   flush, wait or readback to the next; it is measured in a picture whose calls wait for GL at these points. Pictures:
-   the Cornell box, and two rooms if ../shared exists. A slow result is never a failure. */
+   sbl_step including those that build the hierarchy (shaders are compiled before), the sum of the seconds of all steps
+   compared with those of one sbl_render_picture, and the longest submission. A submission is the work that GL gets from
+   one flush, wait or readback to the next; it is measured in a picture whose calls wait for GL at these points.
+   Pictures: the Cornell box, and two rooms if ../shared exists. A slow result is never a failure. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -16,7 +16,7 @@ enum { STEPS_MOST = 1 << 20 };
 
 static double now(void) { return bench_clock(CLOCK_MONOTONIC); }
 
-/* ---- submissions: sbl.h gets GL functions that note when work starts, and wait where sbl.h flushes */
+/* ---- submissions: the GL functions for sbl.h note when work starts, and wait where sbl.h flushes */
 
 static struct { int on, open; double start, longest; int count; } submission;
 
@@ -105,7 +105,7 @@ static int ascending(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* Returns 0 if something does not work. */
+/* Measures a picture. Returns 0 if something does not work. */
 static int measure(const struct picture *p, double slice) {
     static const double edges[] = { 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1e30 };
     static double steps[STEPS_MOST];

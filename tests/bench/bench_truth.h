@@ -1,6 +1,6 @@
-/* A path tracer for benches: R at the surfaces that a camera shows, unbiased. Embree 3 casts the rays if
-   scripts/Makefile defines BENCH_EMBREE, else reference.h. It shares no code with sbl.h. Include after sbl.h and
-   bench_furnished.h.
+/* A path tracer for benches, which measures R without bias at the surfaces that a camera shows. Embree 3 casts the rays
+   if scripts/Makefile defines BENCH_EMBREE, otherwise reference.h does. It shares no code with sbl.h. Include after
+   sbl.h and bench_furnished.h.
        truth *t = truth_create(&scene, windows, window_count);
        truth_render(t, points, count, samples, half_a, half_b);   two independent pictures, one per thread
        truth_destroy(t); */
@@ -12,24 +12,25 @@
 #include <embree3/rtcore.h>
 #endif
 
-#define TRUTH_OFFSET 2e-5  /* metres between a surface and the start of a ray */
+#define TRUTH_OFFSET 2e-5  /* distance in metres between a surface and the start of a ray */
 
 enum { TRUTH_BOUNCES = 200, TRUTH_NUMBERS = 7, TRUTH_GUIDE_PATHS = 32 };
 
-/* What is sampled as a lamp: an emitting triangle, or a window (a parallelogram) through which the sky shines. */
+/* An object that is sampled as a lamp: an emitting triangle, or a window (a parallelogram) through which the sky
+   shines. */
 typedef struct truth_lamp {
     v3 corner, u, v, normal;
     double area, chance, light[3];
-    int triangle;  /* -1: a window */
+    int triangle;  /* index of the triangle; -1: a window */
 } truth_lamp;
 
 typedef struct truth {
     ref_scene *scene;
     truth_lamp *lamps;
-    int lamp_count, *lamp_of;  /* of each triangle, or -1 */
-    int guided;                /* 1: the guide is known */
+    int lamp_count, *lamp_of;  /* lamp_of: index of the lamp of each triangle, or -1 */
+    int guided;                /* 1: the guide has been computed */
     double *guide;             /* approximate share of each triangle in all reflected light */
-    double *guide_end;         /* sum of the shares up to and with each triangle */
+    double *guide_end;         /* cumulative sum of the shares, including each triangle */
 #ifdef BENCH_EMBREE
     RTCDevice device;
     RTCScene embree;
@@ -78,7 +79,7 @@ static void truth_add(truth *t, int triangle, v3 corner, v3 u, v3 v, const doubl
     if (l->chance > 0) t->lamp_count++;
 }
 
-/* >>rays. Directions are unit vectors. */
+/* >>rays; their directions are unit vectors */
 
 #ifdef BENCH_EMBREE
 static void truth_ray(struct RTCRay *ray, v3 p, v3 d, double far) {
@@ -117,14 +118,14 @@ static int truth_blocked(const truth *t, v3 p, v3 d, double far) {
 
 /* >>light */
 
-/* Returns the density, over solid angle, at which lamps are sampled in a direction from p. lamp: the one that the
-   direction meets at `distance`; -1: none */
+/* Returns the density over solid angle with which lamps are sampled in a direction from p. lamp: the lamp that the
+   direction hits at `distance`; -1: none */
 static double truth_density(const truth *t, int lamp, v3 d, double distance) {
     const truth_lamp *l = &t->lamps[lamp < 0 ? 0 : lamp];
     return lamp < 0 ? 0 : l->chance * distance * distance / (l->area * fabs(v3_dot(l->normal, d)) + 1e-300);
 }
 
-/* Returns the window through which a ray leaves, or -1. */
+/* Returns the index of the window through which a ray leaves, or -1. */
 static int truth_window(const truth *t, v3 p, v3 d, double *distance) {
     int i;
     for (i = 0; i < t->lamp_count && t->lamps[i].triangle < 0; i++) {
@@ -139,12 +140,13 @@ static int truth_window(const truth *t, v3 p, v3 d, double *distance) {
     return -1;
 }
 
-/* Returns the share of paths that go on to a triangle chosen by its reflected light; the others have cosine-distributed
-   directions. After the first bounce it is small, because weights of up to 1 / (1 - share) multiply. */
+/* Returns the share of paths that continue to a triangle chosen by its reflected light; the others have
+   cosine-distributed directions. After the first bounce the share is small, because weights of up to 1 / (1 - share)
+   multiply. */
 static double truth_share(const truth *t, int bounce) { return !t->guided ? 0 : bounce ? 0.25 : 0.5; }
 
-/* Returns the density, over solid angle, at which a path goes on from a surface to the point that it first meets in a
-   direction. share: see truth_share; triangle: the one with the point, at `distance`; -1: there is no point */
+/* Returns the density over solid angle with which a path continues from a surface to the first point in a direction.
+   share: see truth_share; triangle: the triangle with the point, at `distance`; -1: there is no point */
 static double truth_onward(const truth *t, double share, int triangle, v3 d, double cosine, double distance) {
     const ref_triangle *tri = &t->scene->triangles[triangle < 0 ? 0 : triangle];
     const double even = (1 - share) * cosine / REF_PI;
@@ -154,8 +156,8 @@ static double truth_onward(const truth *t, double share, int triangle, v3 d, dou
     return even + 2 * share * t->guide[triangle] * distance * distance / (twice + 1e-300);
 }
 
-/* Chooses the direction in which a path goes on. u: the first two are the direction's numbers, the others choose the
-   point of a triangle. target: that triangle, which must be the first on the way; -1: any is right */
+/* Chooses the direction in which a path continues. u: the first two numbers give the direction, the others choose the
+   point of a triangle. target: receives the triangle that the direction must hit first; -1: any hit is valid */
 static v3 truth_direction(const truth *t, double share, v3 p, v3 n, const double u[4], int *target) {
     const v3 right = v3_unit(v3_cross(fabs(n.x) < 0.5 ? v3_of(1, 0, 0) : v3_of(0, 1, 0), n));
     const double radius = sqrt((u[0] - share) / (1 - share)), angle = 2 * REF_PI * u[1];
@@ -176,11 +178,11 @@ static v3 truth_direction(const truth *t, double share, v3 p, v3 n, const double
                           p));
 }
 
-/* A path: its last surface; the factor (share) with which light there counts in R; guided: see truth_share. */
+/* A path: its last surface; the factor (share) of the light there in R; guided: see truth_share. */
 typedef struct truth_state { v3 p, n; double share[3], guided; } truth_state;
 
-/* Adds to R the light of a point of a lamp that three numbers choose, weighted against paths that meet the lamp
-   (balance heuristic, Veach 1997). */
+/* Adds to R the light of a point on a lamp, which three numbers choose. The light is weighted against paths that hit
+   the lamp (balance heuristic, Veach 1997). */
 static void truth_add_lamp(const truth *t, const truth_state *s, const double u[3], double sum[3]) {
     double left = u[0], a = u[1], b = u[2], distance, cosine, density;
     const truth_lamp *l = t->lamps, *last = l + t->lamp_count - 1;
@@ -240,7 +242,7 @@ static void truth_path(const truth *t, ref_point at, const double number[], uint
 
 /* >>creation */
 
-/* Estimates how much light each triangle reflects, on both sides. */
+/* Estimates how much light each triangle reflects on both sides. */
 static void truth_make_guide(truth *t) {
     uint64_t random = 99;
     double sum = 0;
@@ -321,7 +323,8 @@ typedef struct truth_job {
     pthread_t thread;
 } truth_job;
 
-/* First numbers come from a Kronecker sequence with a random start at each point, so that each half is unbiased. */
+/* The first numbers of paths come from a Kronecker sequence with a random start at each point, so that each half is
+   unbiased. */
 static void *truth_run(void *user) {
     static const double alpha[TRUTH_NUMBERS] = { 0.8812714616335696, 0.7766393890897682, 0.6844301295853427,
                                                  0.6031687406857282, 0.5315553977157913, 0.4141935,
@@ -342,7 +345,7 @@ static void *truth_run(void *user) {
     return NULL;
 }
 
-/* Makes two independent pictures of R at the points, with `samples` paths each, on two threads. */
+/* Computes two independent pictures of R at the points, with `samples` paths each, on two threads. */
 static void truth_render(const truth *t, const ref_point *points, int count, int samples, float *halves[2]) {
     truth_job jobs[2];
     int i;

@@ -1,19 +1,19 @@
-/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [--random N] [NAME...]: measures what a
-   host's user sees while a picture is made in SBL_MODE_GI with default settings. It calls sbl_step and asks for
-   the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the
-   seconds of the whole picture; the shares of that time after which the first picture, the full store and the first
-   picture with bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the
-   time on, and where it occurs. Shares are shares of the CPU time of the process, which other programs on the machine
-   disturb less than the time of a clock; LP_NUM_THREADS=0 makes the CPU time of llvmpipe the time of a machine with
-   one core. --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a
-   file. The scenes come from ../shared; those that do not exist are left out. --random: N rooms made at random
-   instead. */
+/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [--random N] [NAME...]: measures what
+   the user of a host sees while a picture is rendered in SBL_MODE_GI with default settings. It calls sbl_step and asks
+   for the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the
+   seconds of the complete picture; the shares of that time after which the first picture, the full store and the first
+   picture with bounces were available; and the largest difference between sbl_progress and the true share of time, from
+   20 % of the time on, and where it occurs. Shares are shares of the processor time of the process, which other
+   programs on the machine disturb less than the time of a clock; with LP_NUM_THREADS=0, the processor time of llvmpipe
+   is the time of a machine with one core. --twice: measures a second picture, for which the store already exists.
+   --trace: writes all steps to a file. The scenes come from ../shared; missing ones are omitted. --random: measures N
+   random rooms instead. */
 #define _DEFAULT_SOURCE
 #include <sys/time.h>
 static int clock_of_bench(struct timeval *out, void *zone);
 #define gettimeofday clock_of_bench
 #define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
+#define SBL_STATIC  /* the compiler then drops the functions that this program does not call */
 #include "../../sbl.h"
 #undef gettimeofday
 #include "../../examples/host_gl.h"
@@ -29,7 +29,7 @@ static struct settings {
     FILE *trace;
 } settings = { 512, 1, 0, 0, 0.02, NULL };
 
-/* The clock from which sbl.h predicts times: the CPU time of the process, as in the measurements. */
+/* The clock from which sbl.h predicts times. It returns the processor time of the process, as in the measurements. */
 static int clock_of_bench(struct timeval *out, void *zone) {
     const double t = bench_clock(CLOCK_PROCESS_CPUTIME_ID);
     (void)zone;
@@ -43,12 +43,12 @@ static sbl_gl_function gl_function(const char *name, void *user) {
     return eglGetProcAddress(name);
 }
 
-/* What the host sees after a step. */
+/* The state that the host sees after a step. */
 typedef struct step { double wall, cpu; float progress; int shown, store, bounced; } step;
 
 static step steps[STEPS_MOST];
 
-/* Makes the picture in steps. Returns the number of steps, or 0 on failure. */
+/* Renders the picture in steps. Returns the number of steps, or 0 on failure. */
 static int watch(sbl_context *context, const sbl_picture_desc *view) {
     const double wall = bench_clock(CLOCK_MONOTONIC), cpu = bench_clock(CLOCK_PROCESS_CPUTIME_ID);
     sbl_result result = sbl_begin_picture(context, view);
@@ -74,8 +74,8 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
     return result == SBL_SUCCESS ? count : 0;
 }
 
-/* Measures a room of the table, or a random one. r: name and file; NULL: the random room of a seed. Returns 0 if
-   something does not work. */
+/* Measures a room of the table, or a random one. Returns 0 if something does not work. r: name and file; NULL: the
+   random room of the seed */
 static int measure(const bench_room *r, unsigned seed) {
     sbl_context_desc desc = { 0 };
     sbl_picture_desc view = { 0 };

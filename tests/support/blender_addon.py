@@ -1,5 +1,5 @@
-# tests/test_blender.sh runs this script inside Blender: it tests scripts/blender_addon.py against Blender's Cycles.
-# Arguments: the folder of the tools, a folder for pictures.
+# tests/test_blender.sh runs this script inside Blender. It tests scripts/blender_addon.py against Blender's Cycles.
+# Arguments: the folder of the tools, and a folder for pictures.
 import glob
 import math
 import os
@@ -44,7 +44,7 @@ def box(low, high):
 
 
 def make_scene():
-    """A Cornell box, open towards -y, with a lamp of 10 W besides the emitting surface."""
+    """Makes a Cornell box, open towards -y, with a lamp of 10 W in addition to the emitting surface."""
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
     bpy.context.scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0
@@ -81,7 +81,7 @@ def pixels(image):
 
 
 def blocks(values, mask):
-    """Means of blocks; blocks that are not filled are left out."""
+    """Returns means over blocks of texels; blocks that are not completely filled are omitted."""
     h, w = values.shape[0] // BLOCK, values.shape[1] // BLOCK
     whole = mask[:h * BLOCK, :w * BLOCK].reshape(h, BLOCK, w, BLOCK).all((1, 3))
     cut = values[:h * BLOCK, :w * BLOCK].reshape(h, BLOCK, w, BLOCK, -1).mean((1, 3))
@@ -97,7 +97,7 @@ def compare(name, ours, theirs, mask, most):
 
 
 def state():
-    """What cancel must not change."""
+    """Returns the state that a cancelled operator must not change."""
     return ([(t.name, t.data.name if t.data else "", [s.material and s.material.name for s in t.material_slots])
              for t in bpy.data.objects], [(m.name, [l.name for l in m.uv_layers]) for m in bpy.data.meshes],
             sorted(i.name for i in bpy.data.images), sorted(m.name for m in bpy.data.materials),
@@ -128,7 +128,7 @@ def bake_by_cycles(objects):
 
 
 def inner(mask):
-    """Texels whose neighbours are filled, too."""
+    """Returns the texels whose neighbours are filled, too."""
     out = mask.copy()
     for axis in 0, 1:
         for step in -1, 1:
@@ -137,7 +137,7 @@ def inner(mask):
 
 
 def make_lambertian():
-    """Replaces Blender's own shader, whose diffuse part is not that of glTF, by what the exported file says."""
+    """Replaces Blender's shader, whose diffuse part differs from that of glTF, by the material of the exported file."""
     for material in bpy.data.materials:
         tree = material.node_tree
         shader = tree.nodes.get("Principled BSDF") if tree else None
@@ -161,7 +161,7 @@ def render_by_cycles(path, samples):
 
 
 def run(operator):
-    """Returns the operator's error, or an empty text."""
+    """Returns the error message of the operator, or an empty text."""
     try:
         result = operator()
         return "" if result == {"FINISHED"} else str(result)
@@ -208,12 +208,12 @@ def test_bake(objects):
     check("renders", not said, said)
     make_lambertian()
     truth = bake_by_cycles(objects)
-    brightness = truth[..., :3].max(2)  # sbl_bake fills hidden texels; beside the lamp, Cycles sees its own light
+    brightness = truth[..., :3].max(2)  # sbl_bake fills hidden texels; Cycles gathers a lamp's own light beside it
     seen = inner((truth[..., 3] > 0) & (brightness > 0.02)) & (brightness < 1.5) & (ours[..., :3].max(2) < 1.5)
     compare("agrees_with_cycles", ours, truth, seen, 0.05)
     picture = pixels(bpy.data.images["sbl.h render"])
     path_traced = render_by_cycles(os.path.join(OUT, "traced.exr"), 64)
-    dim = (path_traced[..., :3].max(2) < 1.5) & (picture[..., :3].max(2) < 1.5)  # not the lamp
+    dim = (path_traced[..., :3].max(2) < 1.5) & (picture[..., :3].max(2) < 1.5)  # excludes the lamp
     compare("picture_agrees_with_cycles", picture, path_traced, dim, 0.08)
     compare("baked_materials_agree", shown, picture, dim, 0.08)
     for name, values in ("render", picture), ("baked", shown), ("traced", path_traced), ("map", ours), ("truth", truth):

@@ -1,9 +1,9 @@
-/* A GL that fails on demand: functions for sbl_context_desc.get_gl_function that call the real ones. It also keeps the
-   names of all objects made through it, to check that each is deleted exactly once.
+/* A GL that fails on demand: its functions, for sbl_context_desc.get_gl_function, call the real ones. It also records
+   the names of all objects that are created, to check that each is deleted exactly once.
        desc.get_gl_function = fake_proc;
-       fake_arm(FAKE_NO_NAME, 3, 0);        the third glGen or glCreate from now on gives 0
+       fake_arm(FAKE_NO_NAME, 3, 0);        the third glGen or glCreate from now on returns 0
        ...
-       fake_disarm();  fake.hits            how often the fault happened
+       fake_disarm();  fake.hits            the number of times that the fault happened
    Include after gl_host.h. */
 #ifndef GL_FAKE_H
 #define GL_FAKE_H
@@ -11,10 +11,10 @@
 typedef enum fake_fault {
     FAKE_NONE = 0,
     FAKE_LOOKUP,       /* the loader does not find the function */
-    FAKE_NO_NAME,      /* glGen* and glCreate* give 0 */
-    FAKE_REFUSE,       /* a call that stores, draws or reads has no effect; glGetError then gives fake.error */
-    FAKE_ERROR,        /* glGetError gives fake.error, although the call had its effect */
-    FAKE_FRAMEBUFFER,  /* glCheckFramebufferStatus gives GL_FRAMEBUFFER_UNSUPPORTED */
+    FAKE_NO_NAME,      /* glGen* and glCreate* return 0 */
+    FAKE_REFUSE,       /* a call that stores, draws or reads has no effect; glGetError then returns fake.error */
+    FAKE_ERROR,        /* glGetError returns fake.error, although the call had its effect */
+    FAKE_FRAMEBUFFER,  /* glCheckFramebufferStatus returns GL_FRAMEBUFFER_UNSUPPORTED */
     FAKE_COMPILE,      /* a shader does not compile */
     FAKE_LINK,         /* a program does not link */
     FAKE_FAULTS
@@ -28,17 +28,17 @@ enum { FAKE_NAMES = 512 };
 static struct {
     fake_fault fault;
     int at, hits;
-    int counts[FAKE_FAULTS];       /* calls since fake_arm at which that fault was possible */
+    int counts[FAKE_FAULTS];       /* number of calls since fake_arm at which each fault was possible */
     GLenum error, pending;
-    char lookup[64];               /* the name that FAKE_LOOKUP did not find */
-    const char *version;           /* replaces GL_VERSION */
-    int major, minor;              /* replace GL_MAJOR_VERSION and GL_MINOR_VERSION if not 0 */
-    int most_texels, texture_size; /* replace GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE if not 0 */
-    int units;                     /* replaces GL_MAX_TEXTURE_IMAGE_UNITS if not 0 */
-    int texels;                    /* size of the largest buffer texture that was made */
+    char lookup[64];               /* name that FAKE_LOOKUP did not find */
+    const char *version;           /* if not NULL, replaces GL_VERSION */
+    int major, minor;              /* if not 0, replace GL_MAJOR_VERSION and GL_MINOR_VERSION */
+    int most_texels, texture_size; /* if not 0, replace GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE */
+    int units;                     /* if not 0, replaces GL_MAX_TEXTURE_IMAGE_UNITS */
+    int texels;                    /* size of the largest buffer texture so far */
     GLuint names[FAKE_KINDS][FAKE_NAMES];
     int live[FAKE_KINDS], made;
-    int strangers;                 /* number of names that were deleted twice, or never made here */
+    int strangers;                 /* number of deletions of names that were already deleted or never created */
 } fake;
 
 static inline void fake_arm(fake_fault fault, int at, GLenum error) {
@@ -79,7 +79,7 @@ static inline void fake__born(fake_kind kind, GLuint name) {
 
 static inline void fake__died(fake_kind kind, GLuint name) {
     int i;
-    if (!name) return;  /* GL ignores 0 */
+    if (!name) return;  /* GL ignores the name 0 */
     for (i = 0; i < fake.live[kind]; i++)
         if (fake.names[kind][i] == name) {
             fake.names[kind][i] = fake.names[kind][--fake.live[kind]];

@@ -1,6 +1,6 @@
-/* The GL of a host program, for tests: the examples' context and functions, and other functions that the tests call.
-   Include after sbl.h and test.h.
-       if (!gl_host_open()) ...            makes a context current; gl.Name and more_gl.Name are its functions
+/* The GL of a host program for tests: the context and functions of the examples, and further functions that the tests
+   call. Include after sbl.h and test.h.
+       if (!gl_host_open()) ...            makes a context current; its functions are gl.Name and more_gl.Name
        desc.get_gl_function = gl_host_proc */
 #ifndef GL_HOST_H
 #define GL_HOST_H
@@ -29,7 +29,7 @@
     X(TEXIMAGE1D, TexImage1D) X(TEXIMAGE3D, TexImage3D) X(TEXSUBIMAGE2D, TexSubImage2D)                               \
     X(VERTEXATTRIBDIVISOR, VertexAttribDivisor)
 
-/* functions of newer versions; NULL if the driver does not have them */
+/* functions of newer GL versions; NULL if the driver lacks them */
 #define GL_HOST_OPTIONAL_FUNCTIONS(X)                                                                     \
     X(CLIPCONTROL, ClipControl) X(MINSAMPLESHADING, MinSampleShading) X(PATCHPARAMETERI, PatchParameteri) \
     X(VIEWPORTINDEXEDF, ViewportIndexedf)                                                                 \
@@ -63,7 +63,7 @@ static inline int gl_host_open(void) {
 #define X(TYPE, name) more_gl.name = (PFNGL##TYPE##PROC)eglGetProcAddress("gl" #name);
     GL_HOST_OPTIONAL_FUNCTIONS(X)
 #undef X
-    /* loaders also return functions that the context's version does not have */
+    /* loaders also return functions that the version of the context does not have */
     if (more_gl.version < 45) more_gl.ClipControl = NULL;
     if (more_gl.version < 42) more_gl.BindImageTexture = NULL;
     if (more_gl.version < 41) {

@@ -1,13 +1,13 @@
-/* Runs a function of GLSL for many inputs, one per fragment, to test shader code and textures as hosts use them.
-   Include after gl_host.h.
+/* Runs a GLSL function for many inputs, one per fragment, to test shader code and textures as hosts use them. Include
+   after gl_host.h.
        GLuint program = gl_map_program("uniform samplerCube map;\n"
                                        "vec4 answer(vec4 a, vec4 b) { return textureLod(map, a.xyz, b.x); }\n");
-       gl.UseProgram(program); ...                               // uniforms; textures in units from 1 on
+       gl.UseProgram(program); ...                               // set uniforms; bind textures to units from 1 on
        gl_map_run(program, questions, count, answers);           // 8 floats for each question, 4 for each answer */
 #ifndef GL_MAP_H
 #define GL_MAP_H
 
-/* Returns 0 and prints a message if the function does not compile. */
+/* Compiles a program around the function. Returns 0 and prints a message on failure. */
 static inline GLuint gl_map_program(const char *function) {
     static char fragment[32768];
     snprintf(fragment, sizeof fragment, "%s\nuniform sampler2D map_questions;\nout vec4 map_answer;\n"
@@ -18,7 +18,7 @@ static inline GLuint gl_map_program(const char *function) {
                            "    gl_Position = vec4(4.0 * p - 1.0, 0, 1);\n}\n", fragment);
 }
 
-/* Returns a texture of floats, which is bound to a unit, and not filtered. */
+/* Creates a float texture without filtering and binds it to a unit. */
 static inline GLuint gl_map_texture(int unit, int width, int height, const float *texels) {
     GLuint texture;
     gl.GenTextures(1, &texture);
@@ -30,7 +30,7 @@ static inline GLuint gl_map_texture(int unit, int width, int height, const float
     return texture;
 }
 
-/* Answers `count` questions, at most 4096. Returns whether GL did so without an error. */
+/* Runs the function for `count` questions, at most 4096. Returns 1 if GL reported no error. */
 static inline int gl_map_run(GLuint program, const float *questions, int count, float *answers) {
     const GLuint asked = gl_map_texture(0, 2, count, questions), answer = gl_map_texture(0, count, 1, NULL);
     GLuint framebuffer, array;

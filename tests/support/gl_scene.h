@@ -1,15 +1,15 @@
-/* A small scene that uses every kind of input of sbl.h, and its picture as one array. Include after scenes.h and
-   gl_watch.h. */
+/* A small scene that uses every kind of input of sbl.h, and a struct that holds all channels of its picture. Include
+   after scenes.h and gl_watch.h. */
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
-/* 13 channels of 3 floats and 7 of 1 */
+/* 13 channels have 3 floats per pixel, and 7 have 1 */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
     SMALL_FLOATS = 70 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
-/* A textured floor, a box, a one-sided lamp above it and a weak sky; mesh SMALL_BOX is one side of the box. */
+/* Makes a textured floor, a box, a one-sided lamp above it, and a dim sky. Mesh SMALL_BOX is one side of the box. */
 enum { SMALL_FLOOR = 0, SMALL_LAMP = 1, SMALL_BOX = 2 };
 
 static inline void small_scene(test_scene *s) {
@@ -38,13 +38,14 @@ static inline sbl_picture_desc small_view(void) {
     view.samples = 2;
     view.options.mode = small_mode;
     view.options.backend = small_backend;
-    view.options.rays = 20;  /* more than one shader invocation takes */
+    view.options.rays = 20;  /* more rays than one shader invocation traces */
     view.tone = SBL_TONE_AGX;
     view.auto_exposure = 1;
     return view;
 }
 
-/* Reads all channels of the finished picture, one after the other. Returns the result of the first that fails. */
+/* Reads all channels of the finished picture, one after the other. Returns the result of the first channel that
+   fails. */
 static inline sbl_result small_read(sbl_context *context, small_picture *out) {
     int channel, at = 0;
     for (channel = 0; channel < SMALL_FLOATS; channel++) out->values[channel] = (float)NAN;
@@ -56,7 +57,7 @@ static inline sbl_result small_read(sbl_context *context, small_picture *out) {
         if (result != SBL_SUCCESS) return result;
         at += floats;
     }
-    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* if the channels use fewer floats */
+    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* the channels may use fewer floats */
     return SBL_SUCCESS;
 }
 
@@ -67,7 +68,7 @@ static inline sbl_result small_render(sbl_context *context, const sbl_picture_de
 
 static inline int small_same(const small_picture *a, const small_picture *b) { return memcmp(a, b, sizeof *a) == 0; }
 
-/* Returns 0 if the picture contains NaN or infinities, or has only one colour. Such a picture is useless as a
+/* Returns 0 if the picture contains NaN or infinity, or has a single colour. Such a picture is useless as a
    reference. */
 static inline int small_plausible(const small_picture *p) {
     int i, differs = 0;

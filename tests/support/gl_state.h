@@ -1,4 +1,4 @@
-/* All GL state that sbl.h must not change, as a list of named numbers that is taken before and after a call and
+/* All GL state that sbl.h must not change, as a list of named numbers, which is taken before and after a call and
    compared. gl_state_odd sets this state to values that no program has by chance. Include after gl_host.h. */
 #ifndef GL_STATE_H
 #define GL_STATE_H
@@ -33,7 +33,7 @@ static const struct { const char *name; unsigned id; int version; } gl_state__sw
     X(PRIMITIVE_RESTART_FIXED_INDEX, 43)
 };
 
-/* odd: whether gl_state_odd changes it */
+/* odd: 1 if gl_state_odd changes it */
 static const struct { const char *name; unsigned id; int version, odd; } gl_state__numbers[] = {
 #undef X
 #define X(name, version, odd) { #name, GL_##name, version, odd }
@@ -164,7 +164,8 @@ static inline void gl_state_take(gl_state *s) {
         gl.GetIntegerv(GL_SAMPLER_BINDING, got);
         *gl_state__add(s, "SAMPLER", i) = got[0];
     }
-    /* The default textures (name 0). A host may use them, and a missing glBindTexture would write to them. */
+    /* The default textures (name 0) are included, because a host may use them, and a missing glBindTexture would write
+       to them. */
     gl.ActiveTexture(GL_TEXTURE0);
     gl.BindTexture(GL_TEXTURE_2D, 0);
     more_gl.GetTexLevelParameteriv(GL_TEXTURE_2D, 0, GL_TEXTURE_WIDTH, got);
@@ -181,7 +182,7 @@ static inline void gl_state_take(gl_state *s) {
     while (gl.GetError() != GL_NO_ERROR) {}
 }
 
-/* Returns the names of up to three entries that differ, or NULL if none does. */
+/* Returns the names of up to three entries that differ, or NULL if all are equal. */
 static inline const char *gl_state_difference(const gl_state *a, const gl_state *b) {
     static char text[512];
     int i, found = 0;
@@ -217,7 +218,8 @@ static inline GLuint gl_odd__target(int unit, int target, gl_odd *o) {
     return name;
 }
 
-/* Makes objects whose contents can be checked afterwards: buffers of 0x5a bytes, colour attachments of one colour. */
+/* Creates objects whose content can be checked afterwards: buffers of the byte 0x5a, and colour attachments of one
+   colour. */
 static inline void gl_odd_make(gl_odd *o) {
     unsigned char bytes[4 * GL_ODD_SIZE * GL_ODD_SIZE];
     int i;
@@ -249,7 +251,7 @@ static inline void gl_odd_make(gl_odd *o) {
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, o->colors[1], 0);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
     gl.GenSamplers(2, o->samplers);
-    /* would break texelFetch of textures without mip maps */
+    /* would break texelFetch in textures without mip maps */
     gl.SamplerParameteri(o->samplers[0], GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     gl.SamplerParameteri(o->samplers[1], GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
     gl.GenVertexArrays(1, &o->vertex_array);
@@ -263,7 +265,7 @@ static inline void gl_state_odd(gl_odd *o) {
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches); i++) {
         unsigned id = gl_state__switches[i].id;
         if (gl_state__switches[i].version > more_gl.version) continue;
-        /* switches that are on by default are turned off */
+        /* turns off switches that are on by default, and turns on all others */
         if (id == GL_DITHER || id == GL_MULTISAMPLE) gl.Disable(id); else gl.Enable(id);
     }
     for (i = 0; i < 8; i++) {
@@ -297,7 +299,7 @@ static inline void gl_state_odd(gl_odd *o) {
     gl.Viewport(1, 2, 3, 4);
     gl.Scissor(2, 1, 1, 2);
     more_gl.PointSize(5);
-    more_gl.PrimitiveRestartIndex(2);  /* an index that every mesh uses */
+    more_gl.PrimitiveRestartIndex(2);  /* every mesh uses this index */
     more_gl.ProvokingVertex(GL_FIRST_VERTEX_CONVENTION);
     more_gl.ClampColor(GL_CLAMP_READ_COLOR, GL_TRUE);
     more_gl.Hint(GL_LINE_SMOOTH_HINT, GL_NICEST);
@@ -354,7 +356,7 @@ static inline void gl_state_odd(gl_odd *o) {
     while (gl.GetError() != GL_NO_ERROR) {}
 }
 
-/* Returns the number of objects whose contents have changed. Changes GL state. */
+/* Returns the number of objects whose content has changed. Changes GL state. */
 static inline int gl_odd_changed(const gl_odd *o) {
     static unsigned char bytes[4 * GL_ODD_SIZE * GL_ODD_SIZE];
     int i, k, changed = 0;

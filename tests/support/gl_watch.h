@@ -1,5 +1,5 @@
-/* Watches a context under test: a logger that keeps the messages, and an allocator that counts, fills new blocks with
-   garbage, checks freed ones, and can fail.
+/* Watches a context under test. Its logger stores the messages. Its allocator counts allocations, fills new blocks with
+   garbage, checks freed blocks, and can fail on demand.
        watch w = { 0 };
        sbl_context_desc desc = watch_desc(&w);
        watch_refuse(&w, 3);               // the third allocation from now on fails, once
@@ -13,13 +13,13 @@
 enum { WATCH_MESSAGES = 64, WATCH_TEXT = 512 };
 
 typedef struct watch {
-    /* since watch_forget; the first WATCH_MESSAGES - 1 messages and the last one are kept */
+    /* counted since watch_forget; the first WATCH_MESSAGES - 1 messages and the last one are stored */
     int count, errors, warnings;
     struct { sbl_log_level level; sbl_log_item item; char text[WATCH_TEXT]; } messages[WATCH_MESSAGES];
     int allocations, refuse_at, refused;
-    int blocks;                   /* allocated and not yet freed */
+    int blocks;                   /* number of blocks that are allocated and not yet freed */
     size_t bytes;
-    /* blocks that were freed twice, never allocated, or written past their ends */
+    /* number of frees of blocks that were already freed, never allocated, or overrun */
     int strangers;
 } watch;
 
@@ -47,7 +47,7 @@ static inline void watch_free(void *pointer, void *user) {
     watch *w = (watch *)user;
     watch__block *block = (watch__block *)pointer - 1;
     uint32_t magic = 0;
-    if (!pointer) { w->strangers++; return; }  /* sbl_allocator promises never to call it with NULL */
+    if (!pointer) { w->strangers++; return; }  /* sbl_allocator promises never to free NULL */
     if (block->magic == WATCH_MAGIC) memcpy(&magic, (char *)pointer + block->bytes, sizeof magic);
     if (magic != WATCH_MAGIC) { w->strangers++; return; }
     block->magic = 0;
@@ -56,14 +56,14 @@ static inline void watch_free(void *pointer, void *user) {
     free(block);
 }
 
-/* Makes the place-th allocation from now on fail. */
+/* Makes the allocation number `place`, from now on, fail. */
 static inline void watch_refuse(watch *w, int place) {
     w->count = w->errors = w->warnings = w->refused = 0;
     w->refuse_at = w->allocations + place;
 }
 
-/* To call after the tested call: returns whether the allocation failed. If it did, the result must be
-   SBL_ERROR_OUT_OF_MEMORY, otherwise SBL_SUCCESS. */
+/* Call this after the tested call. Returns 1 if the allocation failed. Checks that the result was then
+   SBL_ERROR_OUT_OF_MEMORY, and otherwise SBL_SUCCESS. */
 static inline int watch_refused(watch *w, int place, sbl_result result) {
     w->refuse_at = 0;
     CHECK(result == (w->refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: %s", place,
@@ -85,7 +85,7 @@ static inline void watch_log(sbl_log_level level, sbl_log_item item, const char 
 
 static inline void watch_forget(watch *w) { w->count = w->errors = w->warnings = 0; }
 
-/* Returns whether there is a message of this level and item that contains the three words; NULL words are ignored. */
+/* Returns 1 if there is a message of this level and item that contains the texts a, b and c; NULL texts are ignored. */
 static inline int watch_said(const watch *w, sbl_log_level level, sbl_log_item item, const char *a, const char *b,
                              const char *c) {
     int i;
@@ -113,7 +113,7 @@ static inline sbl_context_desc watch_desc(watch *w) {
     return desc;
 }
 
-/* Returns a context with the scene set, or NULL on failure. */
+/* Creates a context and sets the scene. Returns NULL on failure. */
 static inline sbl_context *watch_context(watch *w, const sbl_context_desc *desc, const test_scene *s) {
     sbl_scene_desc scene = scene_desc(s);
     sbl_context *context = NULL;

@@ -1,5 +1,5 @@
-/* Run by tests/test_glx.sh on an X server: contexts of sbl.h in a thread where a GLX context is current. The program is
-   a host that draws with GLX; its textures must survive whatever sbl.h does. */
+/* tests/test_glx.sh runs this program on an X server. It tests contexts of sbl.h in a thread where a GLX context is
+   current. The program is a host that draws with GLX; sbl.h must never change its textures. */
 #include <GL/glx.h>
 #include "../../sbl.h"
 #include "test.h"
@@ -19,7 +19,7 @@ static int host_is_current(int current) {
                    : glXMakeContextCurrent(display, None, None, NULL);
 }
 
-/* Creates the host's context, makes it current and gives it textures. */
+/* Creates the context of the host, makes it current, and fills its textures. */
 static int host_begin(void) {
     static const int wishes[] = { GLX_RENDER_TYPE, GLX_RGBA_BIT, GLX_DRAWABLE_TYPE, GLX_PBUFFER_BIT, None };
     static const int size[] = { GLX_PBUFFER_WIDTH, SIDE, GLX_PBUFFER_HEIGHT, SIDE, None };
@@ -37,7 +37,7 @@ static int host_begin(void) {
     return 1;
 }
 
-/* Checks that the host's context is current and has its textures. */
+/* Checks that the context of the host is current and its textures are unchanged. */
 static void host_is_whole(const char *when) {
     int i, kept = 0;
     CHECK(glXGetCurrentContext() == host, "%s: the host's context is not current", when);
@@ -60,7 +60,7 @@ static sbl_result picture(sbl_context *context) {
     return sbl_render_picture(context, &view);
 }
 
-/* While the host's context is current, all calls of headless contexts are refused, and change nothing. */
+/* While the context of the host is current, sbl.h refuses all calls of headless contexts, and changes nothing. */
 TEST(headless_beside_glx) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = NULL, *other = NULL;
@@ -98,7 +98,7 @@ static sbl_gl_function load(const char *name, void *user) {
     return (sbl_gl_function)glXGetProcAddress((const GLubyte *)name);
 }
 
-/* With the host's loader, sbl.h works in the host's context, which stays current. */
+/* With the function loader of the host, sbl.h works in the context of the host, which stays current. */
 TEST(inside_glx) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = NULL;

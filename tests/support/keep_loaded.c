@@ -1,5 +1,5 @@
-/* Linked into the sanitized programs: libraries stay loaded, so that the leak sanitizer can name the module of each
-   leak at the end. A GL driver is unloaded when its display is terminated; its leaks would then be in an "unknown
-   module". */
+/* Linked into the sanitized programs so that libraries stay loaded, and the leak sanitizer can name the module of each
+   leak at the end. Otherwise a GL driver would be unloaded when its display is terminated, and its leaks would be in an
+   "unknown module". */
 int dlclose(void *library);
 int dlclose(void *library) { return (void)library, 0; }

@@ -1,4 +1,4 @@
-/* Lightmaps for tests: makes charts, bakes, and reads channels. Include after sbl.h, test.h, scenes.h and
+/* Helpers for tests of lightmaps: they make charts, bake, and read channels. Include after sbl.h, test.h, scenes.h and
    gl_watch.h. */
 #ifndef LIGHTMAP_H
 #define LIGHTMAP_H
@@ -23,7 +23,7 @@ static float *channel_of(const sbl_lightmap_desc *desc, sbl_channel channel) {
     return scene_channel(context, &view, channel);
 }
 
-/* Bakes and returns R, or NULL on failure. */
+/* Bakes a lightmap and returns R, or NULL on failure. The caller frees it. */
 static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, int bounce_samples) {
     sbl_scene_desc scene = scene_desc(s);
     sbl_result result;
@@ -41,7 +41,7 @@ static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) {
     mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count);
 }
 
-/* Maps a quad's corners (texture coordinates 0 0, u 0, u v, 0 v) to a rectangle of the map: x0, y0, x1, y1. */
+/* Maps the corners of a quad (texture coordinates 0 0, u 0, u v, 0 v) to a rectangle of the map: x0, y0, x1, y1. */
 static void uv_rectangle(test_scene *s, sbl_mesh *quad, float x0, float y0, float x1, float y1) {
     const float uv[8] = { x0, y0, x1, y0, x1, y1, x0, y1 };
     uv_set(s, quad, uv);

@@ -1,6 +1,6 @@
-/* The specular lobe, computed in double precision without code of the library: f = F D Vis with the distribution of GGX
-   (alpha = roughness^2), the height-correlated visibility of Smith and the Fresnel term of Schlick, one reflection.
-   The normal is z. v and l are unit vectors from the surface to the viewer and to the light. f0 is one colour.
+/* The specular lobe for a single reflection, computed in double precision without code of the library: f = F D Vis with
+   the GGX distribution (alpha = roughness^2), Smith's height-correlated visibility and Schlick's Fresnel term. The
+   normal is z. v and l are unit vectors from the surface to the viewer and to the light. f0 is one channel.
        lobe_brdf(v, l, roughness, f0)            f
        lobe_albedo(mu, roughness, f0)            integral of f cos over the hemisphere; mu is the cosine of v
        lobe_sphere(roughness, f0)                mean of the albedo over the picture of a sphere
@@ -27,7 +27,7 @@ static inline double lobe__lambda(double cosine, double alpha) {
     return (1 + sqrt(1 + tangent * tangent)) / 2;
 }
 
-/* Vis, which is the share of visible facets divided by 4 v.n l.n */
+/* Returns Vis, which is the share of visible facets divided by 4 v.n l.n. */
 static inline double lobe__visibility(double mu, double l_z, double alpha) {
     return 1 / (4 * mu * l_z * (lobe__lambda(mu, alpha) + lobe__lambda(l_z, alpha) - 1));
 }
@@ -45,7 +45,7 @@ static inline double lobe_brdf(const double v[3], const double l[3], double roug
         lobe__visibility(v[2], l[2], alpha);
 }
 
-/* The half vector has the density D cos: its angle to the normal and its turn are points of a grid. */
+/* The half vectors have the density D cos. Their angles to the normal and around it are the points of a grid. */
 static inline double lobe__albedo(double mu, double roughness, double f0, int steps) {
     double alpha = roughness * roughness, v[3], sum = 0;
     int i, j;
@@ -53,7 +53,7 @@ static inline double lobe__albedo(double mu, double roughness, double f0, int st
     v[1] = 0;
     v[2] = mu;
     for (i = 0; i < steps; i++) {
-        /* squares of s close to 1 give steep facets, which are rare: the grid is finer there */
+        /* The grid is finer where s is close to 1, because this gives steep facets, which are rare. */
         double s = (i + 0.5) / steps, u = s * s * (3 - 2 * s), tangent = alpha * sqrt(u / (1 - u));
         double weight = 6 * s * (1 - s), h_z = 1 / sqrt(1 + tangent * tangent);
         for (j = 0; j < steps; j++) {
@@ -99,7 +99,8 @@ static inline double lobe_matte(double mu) {
     return 1 - sum / STEPS / STEPS;
 }
 
-/* The point (s, t) of the quadrilateral, and the area of the parallelogram of its derivatives as a vector */
+/* Computes the point (s, t) of the quadrilateral. area: receives the area of the parallelogram of its derivatives, as a
+   vector */
 static inline void lobe__place(double corners[4][3], double s, double t, double place[3], double area[3]) {
     double along_s[3], along_t[3];
     int i;

@@ -1,11 +1,11 @@
-/* A scene file with second texture coordinates: a floor beneath a lamp, each a chart of its own. Include after
+/* A scene file with second texture coordinates: a floor below a lamp, each with a chart of its own. Include after
    tool.h. */
 #ifndef MAPPED_ROOM_H
 #define MAPPED_ROOM_H
 
 enum { FLOOR, LAMP, QUADS };
 
-/* Corners as in the file. The node of the floor moves them by `moved`. */
+/* The corners as in the file. The node of the floor translates them by `moved`. */
 static const float quads[QUADS][4][3] = {
     { { -2, 0, -2 }, { -2, 0, 2 }, { 2, 0, 2 }, { 2, 0, -2 } },
     { { -0.5f, 2, -0.5f }, { 0.5f, 2, -0.5f }, { 0.5f, 2, 0.5f }, { -0.5f, 2, 0.5f } }
@@ -13,7 +13,8 @@ static const float quads[QUADS][4][3] = {
 static const float moved[3] = { 0.25f, -0.5f, 0 };
 static const double strength = 5;
 
-/* charts: left, upper, right and lower edge of each chart in the map. The v coordinate of the floor runs along x. */
+/* Writes the scene. charts: left, upper, right and lower edge of each chart in the map. The v coordinate of the floor
+   runs along x. second: 1 to write TEXCOORD_1 */
 static void write_scene(const char *name, float charts[QUADS][4], int second) {
     char json[8192], bin[64];
     FILE *out;

@@ -1,4 +1,4 @@
-/* One context that the tests of a program share, and its allocator. Include after sbl.h, test.h, scenes.h and
+/* A context that all tests of a program share, and its allocator. Include after sbl.h, test.h, scenes.h and
    gl_watch.h. */
 #ifndef ONE_CONTEXT_H
 #define ONE_CONTEXT_H
@@ -6,7 +6,7 @@
 static watch seen;
 static sbl_context *context;
 
-/* Replaces the context by a new one with the scene set. Returns 0 on failure. */
+/* Replaces the context by a new one with this scene. Returns 0 on failure. */
 static inline int use_scene(const test_scene *s) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_destroy(context);
@@ -15,9 +15,9 @@ static inline int use_scene(const test_scene *s) {
     return context != NULL;
 }
 
-/* Calls call(desc), which writes `out`, repeatedly; each time a later allocation fails. The call must report that and
-   leak nothing, and the next call must give the same output. If a scene is given, each call starts with a new context.
-   Returns the number of allocations that failed. */
+/* Calls call(desc) repeatedly, and makes a later allocation fail each time. The call must report the failure and leak
+   nothing, and the next call must write the same to `out` as an undisturbed one. scene: if not NULL, each call starts
+   with a new context. Returns the number of allocations that were made to fail. */
 static inline int each_allocation_fails(sbl_result (*call)(const void *desc), const void *desc, const test_scene *scene,
                                         void *out, size_t bytes) {
     enum { MOST = 600 };

@@ -4,8 +4,8 @@
 
 enum { PATCHES_X = 8, PATCHES_Y = 4, PATCH = 4, BALL_X = PATCHES_X * PATCH, BALL_Y = PATCHES_Y * PATCH };
 
-/* A ball without poles and with smooth normals, made of patches that are separate charts. Returns corner i, j of the
-   ball. */
+/* The ball has no poles and smooth normals, and consists of patches that are separate charts. This computes the
+   position of corner i, j. */
 static void ball_corner(int i, int j, float out[3]) {
     const double a = 2 * REF_PI * (i % BALL_X) / BALL_X, b = REF_PI * (0.15 + 0.7 * j / BALL_Y);
     out[0] = (float)(cos(a) * sin(b));
@@ -13,7 +13,7 @@ static void ball_corner(int i, int j, float out[3]) {
     out[2] = (float)(sin(a) * sin(b));
 }
 
-/* Returns the map coordinates of corner i, j in the chart of patch x, y. */
+/* Computes the map coordinates of corner i, j in the chart of patch x, y. */
 static void ball_place(int x, int y, int i, int j, double out[2]) {
     out[0] = (x + 0.1 + 0.8 * (i - PATCH * x) / PATCH) / PATCHES_X;
     out[1] = (y + 0.1 + 0.8 * (j - PATCH * y) / PATCH) / PATCHES_Y;

@@ -1,4 +1,4 @@
-/* A ray caster for the tests: double precision, on the CPU. It shares no code with sbl.h. It reads scenes and cameras
+/* A ray caster for the tests, in double precision on the CPU. It shares no code with sbl.h. It reads scenes and cameras
    from the public types, so that one description serves both.
        ref_scene *scene = ref_create(&desc);
        ref_hit hit = ref_trace(scene, origin, direction, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_CAMERA);
@@ -33,9 +33,9 @@ static inline double v3_length(v3 a) { return sqrt(v3_dot(a, a)); }
 static inline v3 v3_unit(v3 a) { return v3_scale(a, 1 / v3_length(a)); }
 static inline double v3_axis(v3 a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
 
-/* Uniform in [0, 1). */
+/* Returns a pseudo-random number that is uniform in [0, 1). */
 static inline double ref_random(uint64_t *state) {
-    uint64_t z = (*state += 0x9E3779B97F4A7C15u);  /* SplitMix64, Steele, Lea and Flood 2014 */
+    uint64_t z = (*state += 0x9E3779B97F4A7C15u);  /* SplitMix64 (Steele, Lea and Flood 2014) */
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
     z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
     return (double)((z ^ (z >> 31)) >> 11) / 9007199254740992.0;
@@ -51,11 +51,11 @@ typedef struct ref_triangle {
 
 typedef struct ref_node {
     double low[3], high[3];
-    int first, count;  /* triangles of a leaf; count 0: an inner node, whose children are the next node and `first` */
+    int first, count;  /* triangles of a leaf; count 0: an inner node with the children next and `first` */
 } ref_node;
 
 typedef struct ref_scene {
-    sbl_scene_desc desc;  /* points to the caller's data */
+    sbl_scene_desc desc;  /* its pointers refer to the data of the caller */
     ref_triangle *triangles;
     ref_node *nodes;
     int triangle_count, node_count;
@@ -120,7 +120,7 @@ static inline void ref_load_mesh(ref_scene *scene, int number) {
             v = (size_t)index;
             ref_element(&mesh->positions, v, 3, e);
             t->p[k] = v3_mad(v3_mad(v3_mad(v3_of(m[12], m[13], m[14]), a, e[0]), b, e[1]), c, e[2]);
-            /* normals are transformed by the inverse transpose, which is the matrix of cofactors up to a factor */
+            /* normals are transformed by the inverse transpose, which equals the cofactor matrix up to a factor */
             if (t->smooth) {
                 ref_element(&mesh->normals, v, 3, e);
                 t->n[k] = v3_unit(v3_add(v3_add(v3_scale(v3_cross(b, c), e[0]), v3_scale(v3_cross(c, a), e[1])),
@@ -143,7 +143,7 @@ static inline int ref_by_centre(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* Divides the triangles along the longest side of their box, until a leaf has few. */
+/* Divides the triangles along the longest side of their box until each leaf has few. */
 static inline void ref_build(ref_scene *scene, int first, int count) {
     int self = scene->node_count++, i, k, axis;
     ref_node *node = &scene->nodes[self];
@@ -221,7 +221,7 @@ static inline void ref_texel(const sbl_texture *texture, int x, int y, double rg
     rgba[3] = channels == 2 ? value[1] : channels == 4 ? value[3] : 1;
 }
 
-/* Samples a texture. number counts from 1; 0 is white. */
+/* Samples a texture. number: from 1; 0 means white */
 static inline void ref_sample(const ref_scene *scene, int number, double u, double v, double rgba[4]) {
     double corner[4][4], x, y, fx, fy;
     int i, x0, y0;
@@ -240,12 +240,12 @@ static inline void ref_sample(const ref_scene *scene, int number, double u, doub
 /* >>rays */
 
 typedef struct ref_hit {
-    int triangle;      /* -1: no hit */
-    double t, b1, b2;  /* distance in units of the direction's length; weights of the second and third corner */
+    int triangle;      /* -1: nothing was hit */
+    double t, b1, b2;  /* distance / length of the direction; weights of the second and third corner */
 } ref_hit;
 
 typedef struct ref_point {
-    v3 position, normal, face;  /* both face the ray: the shading normal, and the triangle's */
+    v3 position, normal, face;  /* normal: shading normal; face: geometric normal; both face the ray */
     double albedo[3], emission[3];
     uint32_t id;
     int mesh, back, hit;
@@ -263,7 +263,7 @@ static inline void ref_albedo(const ref_scene *scene, ref_hit hit, double rgba[4
             (b0 * t->color[0][i] + hit.b1 * t->color[1][i] + hit.b2 * t->color[2][i]);
 }
 
-/* Returns the nearest hit with low < t < high. Ignores materials that have the flag `hidden`, and cut-out parts. */
+/* Returns the nearest hit with low < t < high. It ignores materials with the flag `hidden` and cut-out parts. */
 static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction, double low, double high,
                                 uint32_t hidden) {
     int stack[64], depth = 0, i, axis;
@@ -300,7 +300,7 @@ static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction,
             hit.b1 = v3_dot(s, h) / determinant;
             hit.b2 = v3_dot(direction, q) / determinant;
             hit.t = v3_dot(e2, q) / determinant;
-            /* slightly enlarged, so that no ray passes between two triangles */
+            /* the triangle is enlarged slightly, so that no ray passes between two triangles */
             if (hit.b1 < -1e-9 || hit.b2 < -1e-9 || hit.b1 + hit.b2 > 1 + 1e-9 || hit.t <= low || hit.t >= best.t)
                 continue;
             if (material->alpha_cutoff > 0) {
@@ -355,7 +355,8 @@ static inline int ref_glows(const ref_scene *scene, const ref_point *point) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
 }
 
-/* Ck of the paper: the radiance of an emitter, epsilon * albedo of other surfaces, the sky if nothing is hit. */
+/* Computes Ck of the paper: the radiance of an emitter, epsilon * albedo for other surfaces, or the sky if nothing is
+   hit. */
 static inline void ref_light(const ref_scene *scene, const ref_point *point, double epsilon, double rgb[3]) {
     int i;
     for (i = 0; i < 3; i++)
@@ -365,9 +366,9 @@ static inline void ref_light(const ref_scene *scene, const ref_point *point, dou
 
 /* >>camera */
 
-/* The ray through picture coordinates (x, y), in pixels from the top left corner: pixel (i, j) has its centre at (i +
-   0.5, j + 0.5). All points v of the ray satisfy clip(v).xy = ndc * clip(v).w. These are two planes, which meet in the
-   ray. */
+/* Computes the ray through the picture coordinates (x, y), in pixels from the top left corner; the centre of pixel (i,
+   j) is (i + 0.5, j + 0.5). All points v of the ray satisfy clip(v).xy = ndc * clip(v).w. These equations describe two
+   planes, which meet in the ray. */
 static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double y, v3 *origin, v3 *direction) {
     const float *c = view->view_to_clip, *m = view->world_to_view;
     double ndc[2], plane[2][4], w[4], det;
@@ -383,7 +384,7 @@ static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double
     b = v3_of(plane[1][0], plane[1][1], plane[1][2]);
     along = v3_unit(v3_cross(a, b));
     if (along.z > 0) along = v3_scale(along, -1);
-    /* the origin is the eye, where w is 0, or, for parallel rays, in the plane z = 0 */
+    /* the origin is the eye, where w is 0; for parallel rays, it is in the plane z = 0 */
     third = v3_of(w[0], w[1], w[2]);
     if (v3_length(third) == 0) { third = v3_of(0, 0, 1); w[3] = 0; }
     det = v3_dot(third, v3_cross(a, b));
@@ -411,8 +412,8 @@ static inline double ref_depth(const sbl_picture_desc *view, v3 p) {
     return -((double)m[2] * p.x + (double)m[6] * p.y + (double)m[10] * p.z + (double)m[14]);
 }
 
-/* Returns 1 unless all rays 0.01 pixels around the centre meet the same plane of the same surface. At an edge rounding
-   decides which surface is seen. */
+/* Returns 1 unless all rays up to 0.01 pixels around the centre hit the same plane of the same surface. At an edge,
+   rounding decides which surface is seen. */
 static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *view, int x, int y) {
     ref_point centre = ref_pixel(scene, view, x, y);
     int i;
@@ -429,8 +430,8 @@ static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *vi
 
 /* >>light */
 
-/* Clips a polygon by the plane through p with normal m and keeps the side that m points to. `out` must have room for
-   one more corner than the polygon has. */
+/* Clips a polygon by the plane through p with the normal m, and keeps the side that m points to. Returns the number of
+   corners. out: must have room for one corner more than the polygon */
 static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
     int i, kept = 0;
     for (i = 0; i < count; i++) {
@@ -443,7 +444,7 @@ static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
 }
 
 /* Returns the share of the cosine-weighted hemisphere about n that a polygon of up to 30 corners covers, by Lambert's
-   sum over its edges. The part below the horizon is clipped first. R of an unoccluded polygon is its radiance times
+   sum over its edges. The part below the horizon is clipped first. R from an unoccluded polygon is its radiance times
    this share. */
 static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     v3 above[32];
@@ -463,9 +464,9 @@ static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     return fabs(sum) / (2 * REF_PI);
 }
 
-/* Estimates R at a point: emitting triangles by points on their area, everything else by cosine-distributed rays, both
-   stratified, one per cell of a grid (lamp_side and side cells per edge). Averages `rounds` independent estimates.
-   error: the standard error of the mean. */
+/* Estimates R at a point. Emitting triangles are sampled by points on their area, everything else by cosine-distributed
+   rays. Both are stratified: each cell of a grid gets one sample, with lamp_side and side cells along each edge. The
+   result is the mean of `rounds` independent estimates. error: receives the standard error of the mean */
 static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon, int side, int lamp_side, int rounds,
                               uint64_t *seed, double rgb[3], double error[3]) {
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 }, light[3], nearest = 1e-7 * (1 + v3_length(p));
@@ -518,9 +519,9 @@ static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon
     }
 }
 
-/* Returns the share of a quad lamp's light that arrives at p, ignoring other lamps: its closed form times the visible
-   share of side * side points on it, each weighted by its contribution. lamp: the mesh of the lamp; its four corners in
-   order. */
+/* Returns the share of the light of a quad lamp that arrives at p, ignoring other lamps: its closed form times the
+   visible share of side * side points on it, each weighted by its contribution. lamp: index of the mesh of the lamp;
+   corners: its four corners in order */
 static inline double ref_quad_light(const ref_scene *scene, v3 p, v3 n, const v3 corners[4], int lamp, int side,
                                     uint64_t *seed) {
     double given = 0, seen = 0, whole = ref_polygon(p, n, corners, 4), nearest = 1e-7 * (1 + v3_length(p));

@@ -1,4 +1,4 @@
-/* The implementation as one object. All programs that use no private names share it; see scripts/Makefile. */
+/* The implementation as one object, which all programs that use no private names share; see scripts/Makefile. */
 #define SBL_IMPLEMENTATION
 #ifndef _WIN32
   #define SBL_EGL
@@ -48,7 +48,7 @@ int inside_gl_is_optional(const char *function) {
 inside_weight inside_weigh_corners(int strips, float light) {
     enum { SIDE = 17 };
     static sbl__pixel pixels[SIDE * SIDE];
-    sbl__sensor sensors[2], *block = sensors;  /* sensor 1 is that of all corners, which are alike */
+    sbl__sensor sensors[2], *block = sensors;  /* sensor 1 stands for all corners, which are alike */
     inside_weight weight;
     sbl__spec spec;
     sbl__refine r;

@@ -1,4 +1,4 @@
-/* Scenes for the tests, built with the public types only, and the few calls that every picture needs.
+/* Builds scenes for the tests with public types only, and makes the few calls that every picture needs.
        test_scene s = { 0 };
        int white = scene_material(&s, 0.7f, 0.7f, 0.7f);
        scene_box(&s, white, -1, -1, -1, 1, 1, 1);
@@ -23,7 +23,7 @@ typedef struct test_scene {
     int mesh_count, material_count, texture_count, light_count;
     float sky[3];
     sbl_environment environment;
-    void *blocks[SCENE_BLOCKS];  /* memory that the meshes and textures point to */
+    void *blocks[SCENE_BLOCKS];  /* memory that the meshes and textures use */
     int block_count;
 } test_scene;
 
@@ -39,7 +39,7 @@ static inline void scene_free(test_scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Uses the smallest possible store of bounced light, which is filled fastest. */
+/* Returns the descriptor of the scene, with the smallest store of bounced light, which is filled fastest. */
 static inline sbl_scene_desc scene_desc(const test_scene *s) {
     sbl_scene_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -69,7 +69,7 @@ static inline int scene_material(test_scene *s, float r, float g, float b) {
     return s->material_count++;
 }
 
-/* The caller sets position and direction. */
+/* Adds a light. The caller sets its position and direction. */
 static inline sbl_light *scene_light(test_scene *s, sbl_light_kind kind, float r, float g, float b) {
     sbl_light *light = &s->lights[s->light_count];
     if (s->light_count++ == SCENE_LIGHTS) abort();
@@ -87,7 +87,8 @@ static inline int scene_lamp(test_scene *s, float r, float g, float b) {
     return material;
 }
 
-/* Copies the pixels; `bytes` is height times stride. Returns the number that materials use, counted from 1. */
+/* Adds a texture and copies its pixels; `bytes` is height times stride. Returns the number for materials, which counts
+   from 1. */
 static inline int scene_texture(test_scene *s, const void *pixels, size_t bytes, sbl_pixel_format format, int width,
                                 int height, int channels) {
     sbl_texture *t = &s->textures[s->texture_count];
@@ -109,7 +110,8 @@ static inline const float *scene_copy(test_scene *s, const float *values, int co
     return copy;
 }
 
-/* normals, texcoords: NULL, or 3 and 2 floats per vertex; indices: NULL if every three vertices are a triangle. */
+/* Adds a mesh. normals, texcoords: NULL, or 3 and 2 floats per vertex. indices: NULL if each three vertices form a
+   triangle */
 static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *positions, const float *normals,
                                    const float *texcoords, int vertex_count,
                                    const uint32_t *indices, int index_count) {
@@ -129,7 +131,7 @@ static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *pos
     return m;
 }
 
-/* Adds a convex polygon with its corners in order. */
+/* Adds a convex polygon. corners: in order */
 static inline sbl_mesh *scene_polygon(test_scene *s, int material, const float *corners, int count) {
     uint32_t indices[3 * 16];
     int i;
@@ -142,7 +144,7 @@ static inline sbl_mesh *scene_polygon(test_scene *s, int material, const float *
     return scene_mesh(s, material, corners, NULL, NULL, count, indices, 3 * (count - 2));
 }
 
-/* Adds a quad with corners a b c d in order and texture coordinates 0 0, u 0, u v, 0 v. */
+/* Adds a quad with the corners a b c d in order and the texture coordinates 0 0, u 0, u v, 0 v. */
 static inline sbl_mesh *scene_quad_uv(test_scene *s, int material, const float corners[12], float u, float v) {
     static const uint32_t indices[6] = { 0, 1, 2, 0, 2, 3 };
     float uv[8] = { 0, 0, 0, 0, 0, 0, 0, 0 };
@@ -158,13 +160,13 @@ static inline sbl_mesh *scene_quad(test_scene *s, int material, float ax, float 
     return scene_quad_uv(s, material, corners, 1, 1);
 }
 
-/* A square floor about (0, y, 0), counter-clockwise seen from above. */
+/* Adds a square floor about (0, y, 0), counter-clockwise as seen from above. */
 static inline sbl_mesh *scene_floor(test_scene *s, int material, float y, float half) {
     return scene_quad(s, material, -half, y, -half, -half, y, half, half, y, half, half, y, -half);
 }
 
 /* Adds a black square plate with a rectangular hole. The plate is at y = 1 and extends from -0.6 to 0.6 in x and z.
-   From the origin, the hole shows the part of the plane y = 2 with x from 0.4 to 0.6 and z from 0.2 to 0.4. */
+   Seen from the origin, the hole shows the part of the plane y = 2 with x from 0.4 to 0.6 and z from 0.2 to 0.4. */
 static inline void scene_plate_with_hole(test_scene *s) {
     static const float x[4] = { -0.6f, 0.2f, 0.3f, 0.6f }, z[4] = { -0.6f, 0.1f, 0.2f, 0.6f };
     const int black = scene_material(s, 0, 0, 0);
@@ -175,7 +177,7 @@ static inline void scene_plate_with_hole(test_scene *s) {
     }
 }
 
-/* Adds six quads that face outwards, each a mesh with its own id. */
+/* Adds six quads that face outwards; each is a mesh with its own id. */
 static inline void scene_box(test_scene *s, int material, float x0, float y0, float z0, float x1, float y1, float z1) {
     scene_quad(s, material, x0, y0, z0, x0, y0, z1, x0, y1, z1, x0, y1, z0);
     scene_quad(s, material, x1, y0, z0, x1, y1, z0, x1, y1, z1, x1, y0, z1);
@@ -209,8 +211,8 @@ static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float
     return scene_mesh(s, material, positions, smooth ? normals : NULL, NULL, vertices, indices, n);
 }
 
-/* Applies scale * position + offset to all vertices and lights, without using transforms. Lights keep their
-   irradiance. */
+/* Applies scale * position + offset to all vertices and lights, without transforms. The lights cause the same
+   irradiance as before. */
 static inline void scene_scale_and_move(test_scene *s, float scale, float x, float y, float z) {
     float offset[3];
     int i, j;
@@ -231,8 +233,8 @@ static inline void scene_scale_and_move(test_scene *s, float scale, float x, flo
     }
 }
 
-/* Adds a flat fan of triangles about its centre. The corners are at centre + u cos + v sin, counter-clockwise seen from
-   the side that u x v points to. */
+/* Adds a flat fan of triangles around its centre. Its corners are at centre + u cos + v sin, counter-clockwise as seen
+   from the side that u x v points to. */
 static inline sbl_mesh *scene_disc(test_scene *s, int material, const float centre[3], const float u[3],
                                    const float v[3], int triangles) {
     float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)(triangles + 1));
@@ -250,7 +252,7 @@ static inline sbl_mesh *scene_disc(test_scene *s, int material, const float cent
     return scene_mesh(s, material, positions, NULL, NULL, triangles + 1, indices, 3 * triangles);
 }
 
-/* The Cornell box with Cornell's published measurements in millimetres, open at the front (z = 0), lit by one quad.
+/* Adds the Cornell box with the published measurements in millimetres, open at the front (z = 0) and lit by one quad.
    Meshes: 0 floor, 1 lamp, 2 ceiling, 3 back, 4 right, 5 left, 6 to 10 short block, 11 to 15 tall block. */
 static inline void scene_cornell_box(test_scene *s) {
     static const float quads[16][12] = {
@@ -275,9 +277,9 @@ static inline void scene_cornell_box(test_scene *s) {
     for (i = 0; i < 16; i++) scene_quad_uv(s, i == 1 ? lamp : i == 4 ? green : i == 5 ? red : white, quads[i], 1, 1);
 }
 
-/* >>pictures */
+/* >>making pictures */
 
-/* Reads the scene's bounds. Returns 1. */
+/* Gets the bounds of the scene. Returns 1. */
 static inline int scene_bounds(const sbl_context *context, float lowest[3], float highest[3]) {
     const sbl_bounds bounds = sbl_query_bounds(context);
     memcpy(lowest, bounds.lowest, sizeof bounds.lowest);
@@ -285,8 +287,8 @@ static inline int scene_bounds(const sbl_context *context, float lowest[3], floa
     return 1;
 }
 
-/* A view in SBL_MODE_AMBIENT, which is faster than the default; closed forms use its epsilon. facet_limit is off, as in
-   references and closed forms, so that shading normals apply to all triangles. */
+/* Returns a view in SBL_MODE_AMBIENT, which is faster than the default and whose epsilon closed forms use. facet_limit
+   is off, as in references and closed forms, so that shading normals apply to all triangles. */
 static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax,
                                           float ay, float az) {
     sbl_picture_desc view;
@@ -305,7 +307,7 @@ static inline sbl_picture_desc scene_cornell_view(int width, int height) {
     return scene_view(width, height, 39.3077f, 278, 273, -800, 278, 273, 0);
 }
 
-/* A sensor at every pixel and no filter, so that only the measurement is tested. */
+/* Gives a view a sensor at every pixel and no filter, so that only the measurement is tested. */
 static inline sbl_picture_desc scene_plain(sbl_picture_desc view, sbl_mode mode, int sensor_size) {
     view.options.mode = mode;
     view.tile = 1;
@@ -325,8 +327,8 @@ static inline int scene_render(sbl_context *context, const test_scene *s, const 
     return result == SBL_SUCCESS;
 }
 
-/* Returns a channel of the finished picture; the caller frees it. It holds NaN if it cannot be read, so that every
-   comparison fails. */
+/* Returns a channel of the finished picture, which the caller frees. If the channel cannot be read, it is filled with
+   NaN, so that every comparison fails. */
 static inline float *scene_channel(sbl_context *context, const sbl_picture_desc *view, sbl_channel channel) {
     size_t count = (size_t)view->width * (size_t)view->height * (size_t)(sbl_channel_components(channel) > 1 ? 3 : 1),
         i;

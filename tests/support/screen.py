@@ -1,10 +1,10 @@
-# Compares what a virtual screen shows with pictures, for tests/test_view.sh. The screen is a file in the format of X
-# window dumps, which Xvfb writes with -fbdir. The window is at the upper left corner.
+# Compares the content of a virtual screen with pictures, for tests/test_view.sh. The screen is a file in the format of
+# X window dumps, which Xvfb writes with -fbdir. The window is in the upper left corner.
 #     screen.py shot SCREEN W H OUT.ppm          copies the window
 #     screen.py same A B [MOST]                  fails if a byte differs by more than MOST (default 0)
-#     screen.py differ A B LEAST                 fails unless the mean difference of bytes is LEAST at least
+#     screen.py differ A B LEAST                 fails unless the mean difference of bytes is at least LEAST
 #     screen.py closer A B TRUTH                 fails unless B is closer to TRUTH than A is
-#     screen.py count A R,G,B SLACK LEAST        fails unless LEAST pixels at least have this colour, up to SLACK
+#     screen.py count A R,G,B SLACK LEAST        fails unless at least LEAST pixels have this colour within SLACK
 #     screen.py brighter A B                     fails unless the mean of B exceeds that of A by 5
 import struct
 import sys

@@ -1,10 +1,10 @@
-/* The harness of the tests: a test program is a list of TEST functions and a main of RUN lines.
+/* The test harness. A test program consists of TEST functions and a main with RUN lines.
        TEST(sum_is_one) { CHECK(fabs(sum - 1) < 1e-5, "sum %.9g, expected 1", sum); }
        int main(void) { RUN(sum_is_one); return test_report(); }
-   CHECK reports a failure and continues; REQUIRE reports it and leaves the test. SKIP leaves it and prints a reason.
-   The last line of a program's output is "N passed, N failed, N skipped"; scripts/test adds these up. A test without
-   any CHECK counts as failed.
-       TEST_ONLY=sum_is_one build/test_NAME        runs only this test; the program fails if there is none */
+   CHECK reports a failure and continues; REQUIRE reports it and leaves the test. SKIP prints a reason and leaves the
+   test. The last line of the output is "N passed, N failed, N skipped"; scripts/test adds these up. A test without any
+   CHECK counts as failed.
+       TEST_ONLY=sum_is_one build/test_NAME        runs only this test; fails if it does not exist */
 #ifndef TEST_H
 #define TEST_H
 
@@ -28,27 +28,27 @@ static int test_checks, test_errors, test_left_out;
 
 #define TEST_PI 3.14159265358979323846
 
-/* Returns whether this is a run of the given kind (see scripts/test). Programs that are run by hand are plain. */
+/* Returns 1 if this is a run of the given kind (see scripts/test). A program that is run by hand counts as plain. */
 static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* Runs a test in all runs but `rest`, because the sanitized run of the program runs it, too. */
+/* Runs a test in all runs except `rest`, because the sanitized run of the program already runs it. */
 #define RUN(name) do { if (!test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
-/* Runs a long test once. A program has a plain run or a `rest` run, never both, and the test runs only there. Shorter
-   tests run the same code in the sanitized runs and in the others. */
+/* Runs a long test only once. Each program has either a plain run or a `rest` run, and the test runs only there.
+   Shorter tests cover the same code in the other runs. */
 #define RUN_PLAIN(name) \
     do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
-/* Runs a test without sanitizers only: for comparisons of numbers whose code other tests run with sanitizers. */
+/* Runs a test only without sanitizers. This is for numeric comparisons whose code other tests run with sanitizers. */
 #define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) test_run(#name, test_##name); } while (0)
 
-/* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */
+/* Unlike fmax and fmin, these return NaN if an argument is NaN, so that every comparison with the result fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
 static inline double test_min(double a, double b) { return a <= b || a != a ? a : b; }
 
-/* Hashes x to 32 bits (PCG), for sequences of numbers without a pattern. */
+/* Hashes x to 32 bits (PCG), which gives sequences of numbers without a pattern. */
 static inline uint32_t test_hash(uint32_t x) {
     uint32_t word;
     x = x * 747796405u + 2891336453u;
@@ -56,8 +56,8 @@ static inline uint32_t test_hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Returns the seconds of processor time that this process and its ended children have used. On Windows, children do not
-   count. */
+/* Returns the seconds of processor time that this process and its ended children have used. On Windows, children are
+   not counted. */
 static inline double test_seconds(void) {
 #ifdef _WIN32
     return (double)clock() / CLOCKS_PER_SEC;

@@ -1,5 +1,5 @@
-/* For tests of the command line tools: runs build/sbl_render, or after tool_use("NAME") another tool, as a user would,
-   in a temporary folder. Include after test.h.
+/* Runs command line tools for tests as a user would, in a temporary folder: build/sbl_render, or after tool_use("NAME")
+   another tool. Include after test.h.
        int main(int argc, char **argv) {
            if (!tool_begin(argv[0])) return 1;
            ...  TOOL("room.obj", "-o", "room.png") == 0, and `ran` holds its output
@@ -36,7 +36,7 @@
 static char tool[1024], folder[64];
 
 static struct {
-    int status; /* exit status, or -signal */
+    int status; /* exit status, or minus the number of a signal */
     char out[32768], err[16384];
     int out_lines, err_lines;
 } ran;
@@ -52,12 +52,13 @@ static void read_text(const char *path, char *text, size_t size, int *lines) {
 
 enum { MOST_ARGUMENTS = 48 };
 
-/* In mode gi, these come before the arguments of the test, which can override them: small stores of bounced light are
+/* In mode gi, these come before the arguments of the test, which can override them. A small store of bounced light is
    fast. */
 static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
 
-/* Returns whether the run certainly measures bounced light: the mode is gi, the default. 0 for host_lightmap. */
+/* Returns 1 if the run measures bounced light, because the mode is gi, the default. Returns 0 for host_lightmap and
+   sbl_merge, which do not have the option. */
 static int bounces(const char *const *arguments) {
     if (strstr(tool, "host_lightmap") || strstr(tool, "sbl_merge")) return 0;
     for (; arguments[0] && arguments[1]; arguments++)
@@ -65,10 +66,10 @@ static int bounces(const char *const *arguments) {
     return 1;
 }
 
-static void (*in_child)(void); /* called in the child process before the tool is started; NULL: nothing */
+static void (*in_child)(void); /* if not NULL, called in the child process before the tool starts */
 
-/* Starts the tool in the test's folder. terminal: handle of its stderr, or -1. file_limit: largest size of a file in
-   bytes, 0 for any. */
+/* Starts the tool in the folder of the test. terminal: handle of its stderr, or -1. file_limit: largest size of a file
+   in bytes, or 0 for no limit */
 static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit) {
     char *argv[FIRST_ARGUMENTS + MOST_ARGUMENTS + 2];
     int i, k = 1;
@@ -117,7 +118,7 @@ static int run(const char *const *arguments) {
 #define TOOL(...) run((const char *const[]){ __VA_ARGS__, NULL })
 #define SMALL "--samples", "1"
 
-/* Returns the number of characters in the longest line of a text. */
+/* Returns the length of the longest line of a text. */
 static inline int longest_line(const char *text) {
     int longest = 0;
     for (; *text; text += strcspn(text, "\n"), text += *text == '\n')
@@ -132,7 +133,8 @@ static inline int said(const char *words) { return strstr(ran.err, words) != NUL
 enum { SIGNALS = 3 };
 static const int signals[SIGNALS] = { SIGINT, SIGTERM, SIGHUP };
 
-/* A shell without job control starts its background jobs with SIGINT ignored. */
+/* Restores the default handling of signals, because a shell without job control starts background jobs with SIGINT
+   ignored. */
 static inline void hear_signals(void) {
     int i;
     for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_DFL);
@@ -140,8 +142,8 @@ static inline void hear_signals(void) {
 
 static char on_terminal[1 << 18];
 
-/* Runs the tool on a terminal until its progress bar shows `percent`, then sends the signal. Its output is in
-   on_terminal, the end of it in ran.err. Returns 0 if there are no terminals. */
+/* Runs the tool on a terminal until its progress bar shows `percent`, then sends the signal. The output goes to
+   on_terminal, and its end to ran.err. Returns 0 if the system provides no terminals. */
 static inline int interrupt_at(const char *const *arguments, int percent, int number) {
     struct pollfd waiting;
     size_t n = 0;
@@ -185,7 +187,7 @@ static char *in_folder(const char *name) {
     return path[next];
 }
 
-/* Returns the number that follows the words in a file of the test's folder, or -1. */
+/* Returns the number that follows the words in a file in the folder of the test, or -1. */
 static inline double number_after(const char *name, const char *words) {
     static char text[16384];
     const char *at;
@@ -209,7 +211,7 @@ static void write_file(const char *name, const void *data, size_t size) {
 }
 static void write_text(const char *name, const char *text) { write_file(name, text, strlen(text)); }
 
-/* Starts the tool, and waits until a file exists or the program ends. */
+/* Starts the tool, and waits until a file exists or the tool ends. */
 static inline pid_t start_until(const char *const *arguments, const char *name) {
     static const struct timespec pause = { 0, 2000000 };
     const pid_t child = start(arguments, -1, 0);
@@ -220,7 +222,7 @@ static inline pid_t start_until(const char *const *arguments, const char *name) 
     return child;
 }
 
-/* Returns how many windows of an output are finished. */
+/* Returns the number of finished windows of an output. */
 static inline int finished_windows(const char *output) {
     char name[64];
     int i, count = 0;
@@ -231,14 +233,14 @@ static inline int finished_windows(const char *output) {
     return count;
 }
 
-/* Starts the tool, and waits until `count` windows of the output are finished, or the program ends. */
+/* Starts the tool, and waits until `count` windows of the output are finished or the tool ends. */
 static inline pid_t start_windows(const char *const *arguments, const char *output, int count) {
     char last[64];
     snprintf(last, sizeof last, "%s.parts/%d.exr", output, count);
     return start_until(arguments, count ? last : ".");
 }
 
-/* Kills the tool as soon as `count` windows are finished. Returns whether it was killed before it ended. */
+/* Kills the tool as soon as `count` windows are finished. Returns 1 if it was killed before it ended. */
 static inline int kill_when(const char *const *arguments, const char *output, int count) {
     const pid_t child = start_windows(arguments, output, count);
     kill(child, SIGKILL);
@@ -246,8 +248,8 @@ static inline int kill_when(const char *const *arguments, const char *output, in
     return ran.status == -SIGKILL;
 }
 
-/* Runs the tool once for each of `count` parts: with the arguments, --part K/N and -o PATTERN, where the tool replaces
-   %d by K. Returns whether all runs succeeded. */
+/* Runs the tool once for each of `count` parts, with the arguments, --part K/N and -o PATTERN; the tool replaces %d in
+   the pattern by K. Returns 1 if all runs succeeded. */
 static inline int run_parts(const char *const *arguments, const char *pattern, int count) {
     const char *all[40];
     char part[32];
@@ -279,7 +281,7 @@ static int parts_left(void) {
     return leftovers;
 }
 
-/* Returns whether two files exist and are equal. */
+/* Returns 1 if two files exist and are equal. */
 static inline int same_files(const char *a, const char *b) {
     FILE *in[2] = { fopen(in_folder(a), "rb"), fopen(in_folder(b), "rb") };
     int c[2] = { 0, 0 }, k;
@@ -289,8 +291,8 @@ static inline int same_files(const char *a, const char *b) {
     return in[0] && in[1] && c[0] == c[1];
 }
 
-/* Makes `to` from `from`, of which the last `missing` bytes are missing and the byte at place `at`, if it is not
-   negative, is another. */
+/* Copies `from` to `to` without its last `missing` bytes, and, if `at` is not negative, with a changed byte at the
+   offset `at`. */
 static inline void damage(const char *from, const char *to, long missing, long at) {
     static char bytes[1 << 18];
     FILE *in = fopen(in_folder(from), "rb");
@@ -328,8 +330,8 @@ static inline picture read_pfm(const char *name) {
     return p;
 }
 
-/* Returns the mean absolute difference of two .pfm files, as a share of the mean of the first; a negative number if
-   they have different sizes. */
+/* Returns the mean absolute difference of two .pfm files, relative to the mean of the first; a negative number if their
+   sizes differ. */
 static inline double mean_difference(const char *a, const char *b) {
     picture p = read_pfm(a), q = read_pfm(b);
     double off = 0, mean = 0;
@@ -353,10 +355,10 @@ static inline void room_obj(void) {
 }
 #define ROOM "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--size", "24x16", SMALL
 
-/* Runs build/NAME from now on. */
+/* Makes later runs use build/NAME. */
 static inline void tool_use(const char *name) { strcpy(strrchr(tool, '/') + 1, name); }
 
-/* Returns 0 if no temporary folder can be made. */
+/* Creates the temporary folder. Returns 0 on failure. */
 static int tool_begin(const char *argv0) {
     const char *slash = strrchr(argv0, '/'), *temporary = getenv("TMPDIR");
     char here[700], *full;
@@ -365,7 +367,7 @@ static int tool_begin(const char *argv0) {
     snprintf(tool, sizeof tool, "%.900s/sbl_render", full ? full : here);
     free(full);
     if (SANITIZED) {
-        /* Files that request dozens of gigabytes: with sanitizers, the sanitizer must refuse what the memory limit
+        /* Some test files request dozens of gigabytes. With sanitizers, the sanitizer must refuse what the memory limit
            refuses otherwise. */
         const char *options = getenv("ASAN_OPTIONS");
         char more[512];

@@ -3,8 +3,8 @@
 #ifndef TRACE_HITS_H
 #define TRACE_HITS_H
 
-/* Returns whether the ray passes an edge of the triangle so closely, or is so parallel to it, that float rounding may
-   decide. reach: size of the coordinates, which rounding is relative to. */
+/* Returns 1 if the ray passes an edge of the triangle so closely, or is so nearly parallel to it, that float rounding
+   may decide about a hit. reach: magnitude of the coordinates, which determines the rounding */
 static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double t, double reach) {
     v3 at = v3_mad(origin, direction, t), normal =
         v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0]));
@@ -20,12 +20,12 @@ static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double
 
 typedef struct hits_compared {
     int rays, hits;
-    int differ;       /* another triangle, at another distance */
-    int ties;         /* another triangle at the same distance: triangles overlap, or the ray meets a common edge */
-    int unexplained;  /* differ, and no edge of either triangle is near */
+    int differ;       /* number of rays that hit another triangle at another distance */
+    int ties;         /* another triangle at the same distance: triangles overlap, or a common edge is hit */
+    int unexplained;  /* number of rays that differ although no edge of either triangle is near */
 } hits_compared;
 
-/* Casts the rays with both. Triangles of the ray caster are identified by their corners. */
+/* Casts the rays with both ray casters and compares the hits. Triangles are identified by their corners. */
 static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, const float *rays, int count) {
     hits_compared out = { 0, 0, 0, 0, 0 };
     traced_hit *hits = (traced_hit *)malloc((size_t)count * sizeof *hits);
@@ -61,8 +61,8 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
     return out;
 }
 
-/* Makes cosine-distributed rays, `each` from every one of `points` pixels of the finished picture that show a surface.
-   Writes 8 floats per ray and returns the number of rays. */
+/* Makes cosine-distributed rays, `each` of them from each of `points` pixels of the finished picture that show a
+   surface. Writes 8 floats per ray. Returns the number of rays. */
 static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int points, int each, uint64_t seed,
                            float *rays) {
     size_t pixels = (size_t)view->width * (size_t)view->height;

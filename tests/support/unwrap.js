@@ -1,12 +1,12 @@
-// For tests/test_unwrap.sh: makes scenes, and checks what sbl_unwrap has made of them. It shares no code with
-// sbl_unwrap. usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED |
-// same|dense|wide|apart|light|lit|places|kept ARGUMENTS...
+// For tests/test_unwrap.sh: makes scenes, and checks the results of sbl_unwrap. It shares no code with sbl_unwrap.
+// usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED | same|dense|wide|apart|light|lit|places|kept
+// ARGUMENTS...
 'use strict';
 const fs = require('fs');
 const path = require('path');
 const assert = require('assert');
 
-// ---- reading ----
+// ---- reading scenes ----
 
 const KINDS = { 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
 const SIZES = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT4: 16 };
@@ -58,7 +58,8 @@ function corners(scene, primitive) {
     return all;
 }
 
-// Returns all triangles of all uses: { node, chart, p: three places in the world, t: three places in the map, 0 to 1 }.
+// Returns the triangles of all uses of meshes: { node, chart, p: three positions in the world, t: three points in the
+// map, 0 to 1 }.
 function triangles(scene) {
     const out = [];
     for (const [node, n] of scene.json.nodes.entries()) {
@@ -92,7 +93,7 @@ const area3 = (t) => Math.hypot(...normal(t)) / 2;
 const turn = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 const area2 = ({ t: [a, b, c] }) => Math.abs(turn(a, b, c)) / 2;
 
-// Calls visit(x, y) for each texel whose centre is in a triangle, edges excluded.
+// Calls visit(x, y) for each texel whose centre is strictly inside a triangle.
 function texels({ t }, size, visit) {
     const [a, b, c] = t.map(([u, v]) => [u * size, v * size]),
         sign = Math.sign(turn(a, b, c));
@@ -105,8 +106,8 @@ function texels({ t }, size, visit) {
     }
 }
 
-// Returns all that a scene says, with the elements of accessors in their places, without second coordinates. has:
-// returns whether a primitive had a first set in the beginning.
+// Returns the content of a scene, with the elements of accessors in their place, but without second coordinates. has:
+// function that returns true if a primitive had a first set originally
 function plain(scene, has) {
     const json = JSON.parse(JSON.stringify(scene.json));
     for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
@@ -134,9 +135,9 @@ function plain(scene, has) {
     return json;
 }
 
-// Returns all that a scene says, with the bytes of buffer views in their places, without what --light adds: the last
-// images, textures, samplers and extensions, so many as `added` says, and copies of meshes and materials. count: meshes
-// and materials of the scene before it.
+// Returns the content of a scene, with the bytes of buffer views in their place, but without the additions of --light:
+// the last images, textures, samplers and extensions (`added` of each), and copies of meshes and materials. count:
+// number of meshes and materials of the scene before
 function unlit(scene, count, added) {
     const json = JSON.parse(JSON.stringify(scene.json)), extensions = (m) => ({ ...m, extensions: m.extensions || {} });
     delete json.buffers;
@@ -162,7 +163,7 @@ function unlit(scene, count, added) {
     return json;
 }
 
-// Returns the bytes of a picture in a folder of sbl_bake, and the intensity that its scene.gltf gives it.
+// Returns the bytes of a picture in a folder of sbl_bake, and its intensity according to scene.gltf.
 function atlasOf(folder, name) {
     const { json } = read(path.join(folder, 'scene.gltf'));
     const isOwn = (info) => info && json.images[json.textures[info.index].source].uri === name;
@@ -182,8 +183,8 @@ function pictureOf(scene, file, number) {
 // ---- checks ----
 
 const checks = {
-    // apart FILE SIZE GAP LEAST: no texel shows two triangles, other charts are farther than GAP texels, and at least
-    // LEAST percent of the map are filled
+    // apart FILE SIZE GAP LEAST: no texel shows two triangles, different charts are more than GAP texels apart, and at
+    // least LEAST percent of the map are filled
     apart(file, size, gap, least) {
         const all = triangles(read(file)),
             maps = 1 + Math.max(...all.map((t) => t.map)),
@@ -218,7 +219,7 @@ const checks = {
         assert(filled >= (least / 100) * maps * size * size, 'too little is filled');
     },
 
-    // dense FILE SIZE DENSITY: large triangles have this many texels for a unit of length, within 3 %
+    // dense FILE SIZE DENSITY: large triangles have this many texels per unit of length, within 3 %
     dense(file, size, density) {
         let count = 0;
         for (const t of triangles(read(file))) {
@@ -231,7 +232,7 @@ const checks = {
         assert(count > 4, `only ${count} triangles are large`);
     },
 
-    // wide FILE SIZE LEAST: the rectangles of all triangles have sides of at least LEAST texels
+    // wide FILE SIZE LEAST: the bounding rectangles of all triangles have sides of at least LEAST texels
     wide(file, size, least) {
         for (const { t } of triangles(read(file)))
             for (const k of [0, 1]) {
@@ -240,14 +241,15 @@ const checks = {
             }
     },
 
-    // same BEFORE AFTER: all that a scene says is unchanged, except for the second coordinates
+    // same BEFORE AFTER: the content of a scene is unchanged, except for the second coordinates
     same(before, after) {
         const old = read(before), has = (m, k) => old.json.meshes[m].primitives[k].attributes.TEXCOORD_0 !== undefined;
         assert.deepStrictEqual(plain(read(after), has), plain(old, has));
     },
 
-    // lit BEFORE AFTER FOLDER MAPS MESHES MATERIALS: AFTER is BEFORE with the maps in FOLDER, such as 0 or 0,1, on all
-    // surfaces of the maps, and only there; so many meshes and materials are new. Other nodes keep their meshes
+    // lit BEFORE AFTER FOLDER MAPS MESHES MATERIALS: AFTER equals BEFORE plus the maps in FOLDER, such as 0 or 0,1, on
+    // all surfaces of these maps and on no others. MESHES and MATERIALS are the numbers of new ones. Other nodes keep
+    // their meshes
     lit(before, after, folder, list, meshes, materials) {
         const old = read(before), scene = read(after), { json } = scene, isBinary = after.endsWith('.glb');
         const isNew = (name) => +!(old.json.extensionsUsed || []).includes(name);
@@ -282,7 +284,7 @@ const checks = {
         }
     },
 
-    // relit BEFORE AFTER FOLDER: the maps in FOLDER have taken the places of those in BEFORE, and nothing else is new
+    // relit BEFORE AFTER FOLDER: the maps in FOLDER have replaced those of BEFORE, and nothing else is new
     relit(before, after, folder) {
         const old = read(before), scene = read(after), isBinary = after.endsWith('.glb');
         const plain = ({ json }) => {
@@ -307,7 +309,7 @@ const checks = {
         }
     },
 
-    // table FOLDER SCENE SIZE: maps.json says of each node what SCENE says, and scene.gltf and scene_lit.glb refer to
+    // table FOLDER SCENE SIZE: maps.json agrees with SCENE about each node, and scene.gltf and scene_lit.glb refer to
     // the same maps
     table(folder, file, size) {
         const table = JSON.parse(fs.readFileSync(path.join(folder, 'maps.json'))), { json } = read(file);
@@ -338,20 +340,21 @@ const checks = {
         }
     },
 
-    // one_set FILE: all meshes have one set of coordinates as both the first and the second
+    // one_set FILE: all meshes have one set of coordinates that is both the first and the second
     one_set(file) {
         for (const { primitives } of read(file).json.meshes)
             for (const { attributes: a } of primitives) assert.strictEqual(a.TEXCOORD_0, a.TEXCOORD_1);
     },
 
-    // surface BEFORE AFTER: the same triangles, in the same order
+    // surface BEFORE AFTER: both have the same triangles in the same order
     surface(before, after) {
         const [a, b] = [before, after].map((name) => triangles(read(name)).map((t) => t.p));
         assert(a.length > 0);
         assert.deepStrictEqual(b, a);
     },
 
-    // places FILE NAME...: these nodes share a mesh, and each has a place; others have none
+    // places FILE NAME...: these nodes share a mesh, and each has a scale and an offset in its extras; other nodes have
+    // none
     places(file, ...names) {
         const { json } = read(file),
             placed = json.nodes.filter((n) => n.extras && n.extras.lightmapScaleOffset);
@@ -363,7 +366,7 @@ const checks = {
         );
     },
 
-    // maps FILE LEAST: there are at least so many maps, each named by a node
+    // maps FILE LEAST: there are at least LEAST maps, and nodes use each
     maps(file, least) {
         const used = new Set(triangles(read(file)).map((t) => t.map));
         for (let map = 0; map < Math.max(...used); map++) assert(used.has(map), `no mesh is in map ${map}`);
@@ -404,7 +407,7 @@ const checks = {
     }
 };
 
-// ---- scenes ----
+// ---- making scenes ----
 
 class Maker {
     constructor() {
@@ -437,7 +440,7 @@ class Maker {
 
 const VIEW = { target: 34962 }, BOUNDS = { min: [0, 0, 0], max: [1, 1, 1] };
 
-// A box from 0 to 1: its faces have corners of their own. shared: corners are shared, without normals.
+// A box from 0 to 1. shared: true: its faces share corners, which have no normals; false: each face has its own corners
 function box(maker, shared) {
     const places = [], normals = [], all = [];
     for (let axis = 0; axis < 3; axis++)
@@ -466,7 +469,7 @@ function box(maker, shared) {
              indices: maker.add(Uint16Array.from(all), 'SCALAR') };
 }
 
-// Returns an accessor of 8 vectors, of which number 5 is (0, 0.25, 0), and the others are 0.
+// Returns an accessor of 8 vectors; the vector with the index 5 is (0, 0.25, 0), and the others are 0.
 function sparse(maker) {
     const [indices, values] = [maker.add(Uint16Array.of(5), 'SCALAR'), maker.add(Float32Array.of(0, 0.25, 0), 'VEC3')]
         .map((i) => ({ bufferView: maker.json.accessors[i].bufferView }));
@@ -476,7 +479,7 @@ function sparse(maker) {
     return maker.json.accessors.length - 1;
 }
 
-// What a scene may have besides meshes.
+// Adds content that a scene may have besides meshes.
 function things(maker, json) {
     const lights = [{ type: 'directional', intensity: 10, name: 'sun' }];
     const wood = { baseColorFactor: [0.5, 0.5, 0.5, 1], metallicFactor: 0, roughnessFactor: 1 };
@@ -491,8 +494,8 @@ function things(maker, json) {
                          channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
 }
 
-// Two boxes of one mesh, the second twice as large and below a roof; a sun shines from above. A mesh with shared
-// corners, a morph target, an animation, a line, and unknown things.
+// Two boxes of one mesh, the second twice as large and below a roof, in the light of a sun from above; a mesh with
+// shared corners, a morph target, an animation, a line, and unknown content.
 function rich(folder) {
     const maker = new Maker(), { json } = maker, soft = { ...box(maker, true), targets: [{ POSITION: sparse(maker) }] };
     const line = maker.add(Float32Array.of(0, 0, 0, 1, 1, 1), 'VEC3', BOUNDS);
@@ -514,8 +517,8 @@ function rich(folder) {
     maker.write(path.join(folder, 'rich.gltf'));
 }
 
-// A strip, a fan and a list, without and with indices, that share vertices, one of which only the sparse part of their
-// accessor places; and a triangle without area.
+// A strip, a fan and a list, without and with indices, that share vertices; only the sparse part of their accessor
+// holds one of these. Also a triangle without area.
 function odd(folder) {
     const maker = new Maker(), { json } = maker, places = [0, 0, 0, 1, 0, 0, 0, 1, 0, 9, 9, 9, 0, 2, 0, 1, 2, 1];
     const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, 0], max: [1, 2, 1] });
@@ -528,7 +531,7 @@ function odd(folder) {
     maker.write(path.join(folder, 'odd.gltf'));
 }
 
-// One change each of a good scene, which makes it a bad one.
+// Each entry is one change that makes a good scene bad.
 const unknown = { indices: { bufferView: 1, componentType: 5123, byteOffset: 4 }, values: { bufferView: 5 } };
 const CHANGES = {
     index: (m) => { m.pieces[2] = Buffer.from([0, 0, 1, 0, 9, 0]); },
@@ -601,7 +604,7 @@ function square(folder, name, uv) {
     maker.write(path.join(folder, 'usable_twice.gltf'));
 }
 
-// A square, and a strip that is as long and a four hundredth as wide.
+// A square, and a strip of the same length with a four-hundredth of its width.
 function strip(folder) {
     const maker = new Maker(), { json } = maker, at = (z, w) => [0, 0, z, 1, 0, z, 1, 0, z - w, 0, 0, z - w];
     const places = Float32Array.from([...at(0, 1), ...at(3, 0.0025)]);
@@ -612,8 +615,8 @@ function strip(folder) {
     maker.write(path.join(folder, 'strip.gltf'));
 }
 
-// Two squares of one mesh, with and without a place, another one in a second map and one in a second scene; a square
-// without a material, and one without second coordinates. A sun shines from above.
+// Two squares of one mesh, with and without a scale and offset, another one in a second map, and one in a second scene;
+// a square without a material, and one without second coordinates. A sun shines from above.
 function mixed(folder) {
     const maker = new Maker(), { json } = maker, uv = Float32Array.of(0, 0, 0.5, 0, 0.5, 1, 0, 1);
     const places = Float32Array.of(0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1), set = maker.add(uv, 'VEC2');
@@ -641,7 +644,7 @@ function mixed(folder) {
     maker.write(path.join(folder, 'mixed.gltf'));
 }
 
-// One change each of mixed.gltf, which makes it a bad one.
+// Each entry is one change that makes mixed.gltf bad.
 const MIXED = {
     place: (j) => { j.nodes[1].extras.lightmapScaleOffset = [1, 1, '0', 0]; },
     four: (j) => { j.nodes[1].extras.lightmapScaleOffset = { length: 4 }; },
@@ -655,7 +658,7 @@ const MIXED = {
     loop: (j) => { j.nodes[4].children = [4]; }
 };
 
-// Folders as sbl_bake writes them, each with one mistake, and bad scenes. from: a good folder; mixed: a good scene
+// Makes folders like those of sbl_bake, each with one mistake, and bad scenes. from: a good folder; mixed: a good scene
 function bakes(folder, from, mixed) {
     const text = fs.readFileSync(path.join(from, 'scene.gltf'), 'latin1');
     const changes = { none: (t) => t.replace(/MOZ_/g, 'MIZ_'),

@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""defaults.py PRINTED [FILE]: compares the defaults that the comments of sbl.h name with those that the code fills in.
+"""defaults.py PRINTED [FILE]: compares the defaults that the comments of sbl.h state with the values that the code
+sets.
 
 PRINTED is the output of tests/header/defaults.c. The tool prints a line for each offence. The exit status is 1 if there
 is one.
 
-The comment of a field states its default in one of these forms. Three numbers are those of the presets draft, default
-and high. A default in words means that the field stays 0; a field without a statement stays 0 too.
+The comment of a field states its default in one of these forms. Three numbers are for the presets draft, default and
+high. A default in words means that the field stays 0; a field without a statement stays 0, too.
 
     Default: 16                           Default: 32 / 64 / 128
     Default: 640 x 480                    the first field of the line is 640, the second 480
     Default: SBL_MODE_GI                  an enumerator
-    Default: as in sbl_picture_desc       the statements of the same field there
-    Default of readings: 64               for these descriptors instead
-    Default in SBL_MODE_PAPER: 0.05       in these modes instead
+    Default: as in sbl_picture_desc       the default of the same field there
+    Default of readings: 64               only for these descriptors
+    Default in SBL_MODE_PAPER: 0.05       only in these modes
 """
 import os, re, sys
 
@@ -33,7 +34,7 @@ def enumerators(text):
 
 
 def fields(text, name):
-    """Returns {field: (place in its line, comment)} of a struct's numbers."""
+    """Returns {field: (position in its line, comment)} for the numeric fields of a struct."""
     body = re.search(r'^typedef struct %s \{(.*?)^\} %s;' % (name, name), text, re.M | re.S).group(1)
     found = {}
     for names, comment in re.findall(r'^    %s ([^;(*]+);\s*/\*(.*?)\*/' % NUMBERED, body, re.M | re.S):

@@ -35,21 +35,21 @@ ROUGHEST, SMOOTHEST = 1.0, 0.05
 
 
 def gauss(count):
-    """Points and weights of the rule of Gauss and Legendre on 0 to 1."""
+    """Points and weights of Gauss-Legendre quadrature on 0 to 1."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return (points + 1) / 2, weights / 2
 
 
 def smith(cosine, alpha):
-    """1 plus the function Lambda of Smith for GGX."""
+    """Returns 1 plus the function Lambda of Smith for GGX."""
     return 0.5 * (1 + np.sqrt(1 + alpha * alpha * (1 - cosine * cosine) / (cosine * cosine)))
 
 
 def lobe_directions(mu, alpha, count, turns):
-    """Directions L with the density of the visible normals of GGX (Dupuy and Benyoub 2023: the stretched normal is the
-    sum of V and a point that is uniform on a cap of the sphere), and their weights: the integral of D Vis g cos is
-    the sum of weight times g. L.y is positive; each direction stands also for its mirror image.
-    Returns x, y, z, V.H and the weight, each with the axes mu, height, turn."""
+    """Returns directions L with the density of the visible normals of GGX (Dupuy and Benyoub 2023: the stretched normal
+    is the sum of V and a point that is uniform on a cap of the sphere), and their weights: the integral of D Vis g cos
+    is the sum of weight times g. L.y is positive; each direction also stands for its mirror image. The arrays x, y, z,
+    V.H and weight have the axes mu, height and turn."""
     height, height_weight = gauss(count)
     height, height_weight = height[None, :, None], height_weight[None, :, None]
     turn = (np.arange(turns) + 0.5)[None, None, :] / turns * np.pi
@@ -73,14 +73,14 @@ def lobe_directions(mu, alpha, count, turns):
 
 
 def albedo(mu, roughness, count=200, turns=100):
-    """E and b for all mu at one roughness."""
+    """Returns E and b for all mu at one roughness."""
     _, _, _, vh, weight = lobe_directions(mu, roughness * roughness, count, turns)
     w = np.clip(1 - vh, 0, 1) ** 5
     return weight.sum((1, 2)), (weight * w).sum((1, 2))
 
 
 def matte_share(mu, count=200, turns=300):
-    """The mean of (1 - V.H)^5 over a Lambertian lobe."""
+    """Returns the mean of (1 - V.H)^5 over a Lambertian lobe."""
     z2, weight = gauss(count)
     z = np.sqrt(z2)[None, :, None]
     turn = (np.arange(turns) + 0.5)[None, None, :] / turns * np.pi
@@ -90,7 +90,7 @@ def matte_share(mu, count=200, turns=300):
 
 
 def hats(t, size=SIZE):
-    """Weights of bilinear interpolation along one axis: a row for each t, a column for each entry."""
+    """Returns weights of linear interpolation along one axis, with a row for each t and a column for each entry."""
     t = np.clip(t, 0, 1) * (size - 1)
     entry = np.minimum(t.astype(int), size - 2)
     rows = np.zeros((len(t), size))
@@ -100,7 +100,7 @@ def hats(t, size=SIZE):
 
 
 def bilinear(x, y):
-    """Weights of all entries of a table for each point (x, y)."""
+    """Returns the weights of all entries of a table for each point (x, y)."""
     return (hats(y)[:, :, None] * hats(x)[:, None, :]).reshape(len(x), -1)
 
 
@@ -114,14 +114,15 @@ def albedo_axis(mu, roughness):
 
 
 def bends():
-    """The quadratic form of the second differences of a table: entries that no sample reaches continue the others."""
+    """Returns the quadratic form of the second differences of a table. It makes entries that no sample reaches continue
+    the others."""
     second = np.eye(SIZE)[:-2] - 2 * np.eye(SIZE)[1:-1] + np.eye(SIZE)[2:]
     rows = np.vstack([np.kron(np.eye(SIZE), second), np.kron(second, np.eye(SIZE))])
     return rows.T @ rows
 
 
 def solve_below(matrix, right, most):
-    """Solves the equations with the entries that would exceed most held at most."""
+    """Solves the equations; entries that would exceed `most` are held at `most`."""
     free = np.ones(len(right), bool)
     for _ in range(8):
         entries = np.full(len(right), most)
@@ -133,8 +134,8 @@ def solve_below(matrix, right, most):
 
 
 def fit_table(rows, target, importance, rounds=25):
-    """Entries from 0 to 1 whose interpolation has the least maximum of importance times error (the method of Lawson:
-    squares with weights that grow where the error is large)."""
+    """Returns entries from 0 to 1 whose interpolation minimises the maximum of importance times error (Lawson's method:
+    least squares with weights that grow where the error is large)."""
     weight, best, least = importance ** 2, None, np.inf
     smooth = 1e-6 * bends()
     for _ in range(rounds):
@@ -148,7 +149,7 @@ def fit_table(rows, target, importance, rounds=25):
 
 
 def sample_grid():
-    """The samples to which the albedo table is fitted: mu, roughness, E, b."""
+    """Returns the samples to which the albedo table is fitted: mu, roughness, E, b."""
     mu = np.concatenate([[0.001, 0.003, 0.006, 0.01, 0.015], np.linspace(np.sqrt(0.02), 1, 76) ** 2])
     roughnesses = np.concatenate([np.linspace(0.05, 0.3, 26), np.linspace(0.32, 1, 35)])
     parts = [(mu, np.full(len(mu), r)) + albedo(mu, r) for r in roughnesses]
@@ -186,7 +187,7 @@ def report_albedo(e_table, b_table):
 
 
 def sphere_means():
-    """The means of E and b over the picture of a sphere for the roughness of each row."""
+    """Returns the means of E and b over the picture of a sphere for the roughness of each row."""
     mu, weight = gauss(48)
     means = []
     for roughness in np.linspace(SMOOTHEST, ROUGHEST, SIZE):
@@ -196,7 +197,7 @@ def sphere_means():
 
 
 def fit_matte_share():
-    """The cubic of 1 - mu that is nearest to the matte share."""
+    """Returns the cubic polynomial of 1 - mu that is nearest to the matte share."""
     mu = (1 - np.cos(np.linspace(0, np.pi, 101))) / 2
     q = matte_share(mu)
     weight = np.ones(101)
@@ -212,7 +213,7 @@ def fit_matte_share():
 
 
 def lobe(x, y, z, mu, alpha):
-    """D Vis cos for V = (s, 0, mu) and L = (x, y, z)."""
+    """Returns D Vis cos for V = (s, 0, mu) and L = (x, y, z)."""
     hx, hz = x + np.sqrt(1 - mu * mu), z + mu
     facing = hz / np.sqrt(hx * hx + y * y + hz * hz)
     square, up = alpha * alpha, np.maximum(z, 1e-9)
@@ -222,7 +223,7 @@ def lobe(x, y, z, mu, alpha):
 
 
 def cosine(m, x, y, z):
-    """The density of a clamped cosine that the inverse matrix m0 0 m1, 0 1 0, m2 0 m3 transforms."""
+    """Returns the density of a clamped cosine that the inverse matrix m0 0 m1, 0 1 0, m2 0 m3 transforms."""
     along, up = m[0] * x + m[1] * z, m[2] * x + m[3] * z
     return np.maximum(up, 0) * abs(m[0] * m[3] - m[1] * m[2]) / (np.pi * (along * along + y * y + up * up) ** 2)
 
@@ -233,14 +234,14 @@ def differences(m, directions, p, weight):
 
 
 def slopes(m, *target):
-    """The derivatives of the differences by the four numbers of the matrix."""
+    """Returns the derivatives of the differences with respect to the four numbers of the matrix."""
     steps = 1e-5 * np.eye(4)
     return np.stack([differences(m + h, *target) - differences(m - h, *target) for h in steps], 1) / 2e-5
 
 
 def fit_cosine(m, *target):
-    """The matrix with the least sum of squares of the differences, by steps of Levenberg and Marquardt from m.
-    Returns that sum and the matrix."""
+    """Finds the matrix with the least sum of squared differences, by Levenberg-Marquardt steps from m. Returns the sum
+    and the matrix."""
     m, damping = np.array(m, float), 1e-3
     now = differences(m, *target)
     for _ in range(60):
@@ -259,7 +260,8 @@ def fit_cosine(m, *target):
 
 
 def cosine_target(mu, roughness):
-    """Directions, the lobe there with the integral 1, and the solid angles for which the directions stand."""
+    """Returns directions, the lobe in these directions with the integral 1, and the solid angles for which they
+    stand."""
     x, y, z, _, weight = [v.ravel() for v in lobe_directions([mu], roughness * roughness, 64, 40)]
     keep = weight > 0
     x, y, z, weight = x[keep], y[keep], z[keep], weight[keep]
@@ -268,14 +270,14 @@ def cosine_target(mu, roughness):
 
 
 def scale(mu):
-    """The factors that turn an entry of the table into the numbers of the matrix."""
+    """Returns the factors that turn an entry of the table into the numbers of the matrix."""
     side = np.sqrt(1 - mu * mu)
     return np.array([1, side, -side, 1])
 
 
 def fit_cosines():
-    """The table, from the roughest and the normal direction on: each fit starts from its neighbours, and from the lobe
-    of a nearly smooth surface."""
+    """Fits the table, beginning with the roughest row and the normal direction. Each fit starts from its neighbours,
+    and from the lobe of a nearly smooth surface."""
     table = np.zeros((SIZE, SIZE, 4))
     for row in range(SIZE - 1, -1, -1):
         roughness = SMOOTHEST + (ROUGHEST - SMOOTHEST) * row / (SIZE - 1)
@@ -292,7 +294,7 @@ def fit_cosines():
 
 
 def form_factor(corners):
-    """The share of a clamped cosine that the part of a polygon above z = 0 receives."""
+    """Returns the share of a clamped cosine that the part of a polygon above z = 0 receives."""
     kept = []
     for a, b in zip(corners, np.roll(corners, -1, 0)):
         if a[2] > 0: kept.append(a)
@@ -308,7 +310,7 @@ def form_factor(corners):
 
 
 def random_polygon(random, mu, alpha, toward_lobe, corners):
-    """A quadrilateral or a triangle (whose last two corners coincide) above the horizon."""
+    """Returns a random quadrilateral or triangle (whose last two corners coincide) above the horizon."""
     while True:
         centre = random.normal(size=3)
         centre = centre / np.linalg.norm(centre) * [1, 1, np.sign(centre[2])]
@@ -328,7 +330,7 @@ def random_polygon(random, mu, alpha, toward_lobe, corners):
 
 
 def over_polygon(polygon, mu, alpha, count=48):
-    """The integral of D Vis cos over the directions of a polygon."""
+    """Returns the integral of D Vis cos over the directions of a polygon."""
     points, weights = gauss(count)
     s, t = points[:, None, None], points[None, :, None]
     a, b, c, d = polygon
@@ -360,7 +362,7 @@ def report_cosines(table):
 
 
 def print_table(name, note, table, unit):
-    """A C array with a row of braces for each row of the table and 16 numbers in a line."""
+    """Returns a C array with a row of braces for each row of the table and 16 numbers per line."""
     numbers = np.rint(table.reshape(SIZE, -1) * unit).astype(int)
     print("/* %s */" % note)
     print("static const unsigned short %s[%d][%d] = {" % (name, SIZE, numbers.shape[1]))

@@ -1,7 +1,8 @@
-/* make_reference FILE.pfm [SIZE [SIDE]]: direct light R in the Cornell box as its published camera sees it, from the
-   tests' ray caster. At every pixel it is the closed form of the lamp times its visible share, from two estimates of
-   SIDE x SIDE rays each (default 256, 16). Pixels that must not be compared are NaN: on the lamp, at edges, and where
-   nothing is hit. Prints the noise, which is the difference of the two estimates. */
+/* make_reference FILE.pfm [SIZE [SIDE]]: computes direct light R in the Cornell box through its published camera, with
+   the ray caster of the tests. At every pixel it is the closed form of the lamp times its visible share, from two
+   estimates of SIDE x SIDE rays each (defaults: SIZE 256, SIDE 16). Pixels that must not be compared are NaN: on the
+   lamp, at edges, and where nothing is hit. The program prints the noise, which is the difference of the two
+   estimates. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include "../../examples/cornell_box.h"
@@ -47,7 +48,7 @@ int main(int argc, char **argv) {
     if (!picture) abort();
     for (y = 0; y < size; y++)
         for (x = 0; x < size; x++) {
-            /* PFM: the last row first */
+            /* a .pfm stores the bottom row first */
             float *rgb = picture + 3 * ((size_t)(size - 1 - y) * (size_t)size + (size_t)x);
             double e[2];
             int seen = compared(scene, &view, x, y, side, e);
@@ -55,7 +56,7 @@ int main(int argc, char **argv) {
             if (!seen) continue;
             count++;
             sum += (e[0] + e[1]) / 2;
-            squares += (e[0] - e[1]) * (e[0] - e[1]) / 4;  /* the variance of the mean of two */
+            squares += (e[0] - e[1]) * (e[0] - e[1]) / 4;  /* the variance of the mean of two estimates */
         }
     ref_destroy(scene);
     out = fopen(argv[1], "wb");

@@ -1,7 +1,7 @@
-/* Checks the pictures that the examples write. test_examples.sh builds and runs it. It decodes with stb_image and
+/* Checks the pictures that the examples write; test_examples.sh builds and runs it. It decodes with stb_image and
    shares no code with sbl.h. Each command prints its measurements and fails if the picture is not as described:
-       picture varied FILE WIDTH HEIGHT     has that size; is neither of one colour nor almost black or white
-       picture exposed FILE WHITE BLACK     at most these shares of the pixels, in percent, are white and black; the
+       picture varied FILE WIDTH HEIGHT     it has that size, and is neither of one colour nor almost black or white
+       picture exposed FILE WHITE BLACK     at most these percentages of the pixels are white and black; the standard
                                             deviation of the brightness is at least a tenth of the range
        picture pyramid FILE                 minimal: an orange pyramid with one brighter face, before grey
        picture cornell FILE                 host_context: the Cornell box in the right part, correctly oriented, and a
@@ -10,7 +10,7 @@
                                             texels between charts
        picture slabs WITH BARE              host_draw: lit slabs, their shadow and their emitted light, compared with
                                             the picture without slabs
-       picture alike A B [ROWS]             equal except for a few pixels; in the first ROWS rows only
+       picture alike A B [ROWS]             they are equal except for a few pixels; only the first ROWS rows count
        picture plot FILE SERIES             lines of SERIES colours inside the axes
        picture halves FILE                  two pictures side by side, varied and similar, but not the same */
 #define STB_IMAGE_IMPLEMENTATION
@@ -39,7 +39,7 @@ static int light(const unsigned char *c) { return c[0] + c[1] + c[2]; }
 
 static int fail(const char *what) { return printf("  expected: %s\n", what), 1; }
 
-/* Mean and standard deviation of the brightness of columns x0 to x1 - 1, 0 to 255. */
+/* Computes mean and standard deviation of the brightness of the columns x0 to x1 - 1, from 0 to 255. */
 static void spread(const picture *p, int x0, int x1, double *mean, double *deviation) {
     double sum = 0, squares = 0, count = (double)(x1 - x0) * p->height;
     int x, y;
@@ -176,14 +176,14 @@ static int alike(const picture *a, const picture *b, int rows) {
 static int plot(const picture *p, int series) {
     int hues[3] = { 0, 0, 0 }, found = 0, x, y, k;
     if (p->width < 400 || p->height < 300) return fail("a plot's size");
-    for (y = p->height / 8; y < p->height * 7 / 8; y++)  /* without the row of the legend, which is above */
+    for (y = p->height / 8; y < p->height * 7 / 8; y++)  /* skips the row of the legend at the top */
         for (x = p->width / 8; x < p->width; x++) {
             const unsigned char *c = at(p, x, y);
             if (c[0] > c[1] + 80 && c[0] > c[2] + 80) hues[0]++;
             if (c[2] > c[0] + 80 && c[2] > c[1] + 40) hues[1]++;
             if (c[1] > c[0] + 60 && c[1] > c[2] + 40) hues[2]++;
         }
-    /* a line across the plot has more pixels, even if others cover parts of it */
+    /* counts a colour if it has more pixels than a line across the plot whose parts others may cover */
     for (k = 0; k < 3; k++) found += hues[k] > p->width / 8;
     printf("red %d, blue %d, green %d\n", hues[0], hues[1], hues[2]);
     return found == series ? 0 : fail("the given number of lines");

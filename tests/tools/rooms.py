@@ -56,7 +56,7 @@ def main():
             room = tag.group(1) or tag.group(2)
         count = rooms.setdefault(room, [0, 0, 0])
         count[0] += 1
-        # a function pointer that is passed on counts like a call
+        # a function pointer that is passed on counts as a call
         calls = len(re.findall(r'\bgl(?:->|\.)\(?[A-Z]\w*', line))
         count[1] += calls
         if calls and room not in GL_ROOMS and number > implementation:

@@ -31,7 +31,7 @@ BEGINNINGS = 'Of', 'That', 'And'
 
 
 def rooms(text):
-    """Returns (offset, name) of each room's head."""
+    """Returns (offset, name) of the heading of each room."""
     return [(m.start(), m.group(1)) for m in re.finditer(r'^/\* =+ >>(\w+)$', text, re.M)]
 
 
