@@ -1,4 +1,4 @@
-/* Repeats four measurements of the paper with the Cornell box in SBL_MODE_PAPER:
+/* Demonstrates four measurements of the paper with the Cornell box in SBL_MODE_PAPER:
 
        table_1    time per sensor at several resolutions, with one sensor size
        figure_10  time per sensor for several sensor sizes, at three resolutions

@@ -1,5 +1,5 @@
-/* A baking tool on top of sbl.h: reads a scene file, bakes its light, and writes it for engines and viewers. `sbl_bake
-   --help` explains its options. */
+/* Demonstrates a baking tool on top of sbl.h: it reads a scene file, bakes its light, and writes the light for engines
+   and viewers. `sbl_bake --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL

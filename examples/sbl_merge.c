@@ -1,6 +1,6 @@
-/* A tool that joins parts into one file: the parts of a picture from sbl_render --part or --window, or the parts of
-   probes or vertices from sbl_bake --part. The parts may come from several machines. `sbl_merge --help` explains its
-   options. */
+/* Demonstrates a tool that joins parts into one file: the parts of a picture from sbl_render --part or --window, or the
+   parts of probes or vertices from sbl_bake --part. The parts may come from several machines. `sbl_merge --help`
+   explains its options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "output_file.h"

@@ -1,5 +1,5 @@
-/* A complete tool on top of sbl.h: reads a scene file, renders it, and writes a picture and statistics. `sbl_render
-   --help` explains its options. */
+/* Demonstrates a complete tool on top of sbl.h: it reads a scene file, renders it, and writes a picture and statistics.
+   `sbl_render --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL

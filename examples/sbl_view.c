@@ -1,5 +1,5 @@
-/* A viewer on top of sbl.h, in the GL context of a window: the picture improves while the user may move the camera and
-   the lights. `sbl_view --help` explains its options, and the key H prints the keys. */
+/* Demonstrates a viewer on top of sbl.h, in the GL context of a window: the picture improves while the user may move
+   the camera and the lights. `sbl_view --help` explains its options, and the key H prints the keys. */
 #define _GNU_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
