@@ -114,6 +114,45 @@ static double most_of(int from, int to) {
     return most;
 }
 
+/* >>skies */
+
+/* A wall that only a sky picture lights, with a sun in one texel. Its R, which the sites before it see times its
+   albedo, is a sum over the texels: radiance times solid angle times cosine. */
+TEST(a_wall_in_the_light_of_a_picture) {
+    enum { ACROSS = 32, DOWN = 16, SUN = 5 * ACROSS + 22 };
+    static float pixels[ACROSS * DOWN * 3];
+    const double step = TEST_PI / DOWN;
+    double expected[3] = { 0, 0, 0 };
+    test_scene s = { 0 };
+    int i, k;
+    for (i = 0; i < ACROSS * DOWN; i++) {
+        const double around = 2 * TEST_PI * ((i % ACROSS + 0.5) / ACROSS - 0.5), polar = step * (i / ACROSS + 0.5);
+        /* the mean of the cosine over the texel, times its solid angle; sin^2 is integrated exactly */
+        const double sides = 2 * sin(0.5 * 2 * TEST_PI / ACROSS) * sin(around);
+        const double cosine = sides * 0.5 * (step - cos(2 * polar) * sin(step));
+        for (k = 0; k < 3; k++) {
+            pixels[3 * i + k] = i == SUN ? 400 : (float)(1 + 0.5 * cos(around - k));
+            if (cosine > 0) expected[k] += (double)pixels[3 * i + k] * cosine / TEST_PI;
+        }
+    }
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -40, -40, 0, 40, -40, 0, 40, 40, 0, -40, 40, 0);
+    s.environment.picture.pixels = pixels;
+    s.environment.picture.format = SBL_PIXELS_FLOAT;
+    s.environment.picture.width = ACROSS;
+    s.environment.picture.height = DOWN;
+    s.environment.picture.channels = 3;
+    site_count = 0;
+    for (i = 0; i < 32; i++) add_site(0.3 * (i % 8), 0.3 * (i / 8), 0.2, 0, 0, -1, 1);
+    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64))
+        for (k = 0; k < 3; k++) {
+            const double found = mean_of(0, site_count, k);
+            printf("  R before the wall: %.4f, expected %.4f\n", found, 0.5 * expected[k]);
+            CHECK(fabs(found / (0.5 * expected[k]) - 1) < 0.01, "channel %d: R is %g, expected %g", k, found,
+                  0.5 * expected[k]);
+        }
+    scene_free(&s);
+}
+
 /* >>leaks */
 
 static const float scales[] = { 1e-2f, 1, 1e3f };
@@ -1728,6 +1767,7 @@ int main(void) {
     RUN_PLAIN(a_furnace_in_a_large_scene);
     RUN(furnace_under_the_sky);
     RUN(furnace_of_a_texture);
+    RUN(a_wall_in_the_light_of_a_picture);
     RUN(albedo_of_one);
     RUN_PLAIN(light_is_neither_made_nor_lost);
     RUN_PLAIN(a_cube_by_paths);
