@@ -15788,8 +15788,8 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     return light * light * share * SBL__MIN(across * across, 1);
 }
 
-/* Restores a leaf's light, and the sign of a bright one. Its uncertainty is UNCERTAINTY_STRATA * the relative noise that
-   other leaves have sent, and the error of cells whose light varies, see sbl__bounce_smoothed2. */
+/* Restores a leaf's light, and the sign of a bright one. Its uncertainty is UNCERTAINTY_STRATA * the relative noise
+   that other leaves have sent, and the error of cells whose light varies, see sbl__bounce_smoothed2. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;

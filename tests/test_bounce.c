@@ -116,8 +116,8 @@ static double most_of(int from, int to) {
 
 /* >>skies */
 
-/* A wall that only a sky picture lights, with a sun in one texel; behind the wall, the picture is black. The wall's R is
-   a sum over the texels: radiance times solid angle times cosine. From afar, sites see it in stored light. */
+/* A wall that only a sky picture lights, with a sun in one texel; behind the wall, the picture is black. The wall's R
+   is a sum over the texels: radiance times solid angle times cosine. From afar, sites see it in stored light. */
 TEST(a_wall_in_the_light_of_a_picture) {
     enum { ACROSS = 32, DOWN = 16, SUN = 5 * ACROSS + 22 };
     static float pixels[ACROSS * DOWN * 3];

@@ -420,7 +420,11 @@ TEST(past_buffer_textures) {
 
 /* >>the draw callback: the host draws meshes first .. last - 1 of the Cornell box as sbl_draw_view requires */
 
-typedef struct host_geometry { GLuint array, buffer, programs[2][2]; int corners, calls[2]; float epsilon[2]; } host_geometry;
+typedef struct host_geometry {
+    GLuint array, buffer, programs[2][2];
+    int corners, calls[2];
+    float epsilon[2];
+} host_geometry;
 typedef struct host_corner { float position[3], normal[3], albedo[3], emission[3], id; } host_corner;
 
 static const char host_vertex[] =

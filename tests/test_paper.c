@@ -260,8 +260,8 @@ TEST(filter_stays_on_its_surface) {
     view.filter_radius = -1;
     step_error(&s, &view, &unfiltered);
     printf("  %d pixels are mixed, %d without the filter\n", between, unfiltered);
-    CHECK(between >= 24 && unfiltered == 0, "the paper's filter compares only ids, but mixes %d pixels, and %d without it",
-          between, unfiltered);
+    CHECK(between >= 24 && unfiltered == 0,
+          "the paper's filter compares only ids, but mixes %d pixels, and %d without it", between, unfiltered);
     scene_free(&s);
 }
 
