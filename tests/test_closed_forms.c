@@ -629,8 +629,10 @@ TEST(environment_behind) {
     scene_sky(&s, 1, 2, 3);
     desc = scene_desc(&s);
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
-    for (i = 0; i < 32; i++) {
-        const double down = REF_PI * (i / 8 + 0.5) / 4, around = 2 * REF_PI * ((i % 8 + 0.5) / 8 - 0.5);
+    for (i = 0; i < 64; i++) {  /* centres of texels, then borders with the next texel to the right */
+        const int texel = i % 32, beside = i < 32 ? texel : texel / 8 * 8 + (texel + 1) % 8;
+        const double down = REF_PI * (texel / 8 + 0.5) / 4;
+        const double around = 2 * REF_PI * ((i % 8 + (i < 32 ? 0.5 : 1)) / 8 - 0.5);
         sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down),
                                            (float)(sin(down) * sin(around)));
         float final[3] = { (float)NAN, 0, 0 };
@@ -638,7 +640,9 @@ TEST(environment_behind) {
         CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS &&
                   sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS,
               "no picture");
-        for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
+        for (k = 0; k < 3; k++)
+            worst = test_max(worst, fabs((double)final[k] - 1 - k - 0.5 * (double)pixels[3 * texel + k] -
+                                         0.5 * (double)pixels[3 * beside + k]));
     }
     CHECK(worst < 1e-3, "the sky is off by %g", worst);
     scene_free(&s);

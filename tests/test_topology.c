@@ -1,5 +1,6 @@
 /* Tests without GL of topology, solver, the solution of seams, interpolation and bounces: hash tables, welding, shared
-   sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf. */
+   sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf, noise of
+   sensors. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC  /* the compiler drops the functions that this program does not call */
 #include "../sbl.h"
