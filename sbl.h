@@ -15802,6 +15802,9 @@ static int sbl__bounce_after_glow(void *work) {
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
+    for (i = 0; i < b->store->leaf_count; i++)  /* Rays by way of metal read bright leaves, whose red counts without its
+                                                   sign. sbl__bounce_uncertainty sets the sign again. */
+        b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
@@ -15888,8 +15891,8 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     return light * light * share * SBL__MIN(across * across, 1);
 }
 
-/* Restores a leaf's light. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative noise that other leaves have
-   sent, combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
+/* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
+   noise that other leaves have sent, combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -15904,6 +15907,7 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
         all += (double)sbl__luminance_weights[k] * own_light;
         light[k] = solved[k];
     }
+    if (leaf->bright == SBL__BRIGHT) light[0] = -light[0];
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         const sbl__bounce_point *point = &b->points[i];
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];

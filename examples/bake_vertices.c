@@ -2,7 +2,7 @@
    vertices by least squares to points on the triangles. The program writes bake_vertices.ply, the Cornell box with its
    light as vertex colours, for any model viewer. It compares the interpolated light with that of a mesh of four times
    as many vertices, and prints the error of the fit and of plain averages. The first argument is the folder for the
-   file. */
+   file. With a second argument, the light is a draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -43,14 +43,15 @@ static int box_make(box *b, int cells) {
 static void box_free(box *b) { free(b->positions); free(b->indices); }
 
 /* Bakes the light of a box. Returns 0 on failure. light: receives three floats per vertex */
-static int box_bake(sbl_context *context, const box *b, int average, float *light) {
+static int box_bake(sbl_context *context, const box *b, int average, sbl_preset preset, float *light) {
     const int side = b->cells + 1, triangles = b->cells * b->cells * 6;
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     cornell_box plain;
     sbl_scene_desc scene = *cornell_box_make(&plain);
     sbl_vertices_desc bake = { .radiance = light,
                                .float_count = 3 * (size_t)vertices_of(b->cells),
-                               .average = average };
+                               .average = average,
+                               .options.preset = preset };
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;
@@ -144,10 +145,11 @@ int main(int argc, char **argv) {
     float *truth = (float *)calloc((size_t)vertices_of(FINE), 3 * sizeof *truth);
     FILE *file = ply_open(argc > 1 ? argv[1] : ".");
     sbl_context *context = NULL;
+    const sbl_preset preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT;
     int ok = file && fitted && average && truth && box_make(&coarse, COARSE) && box_make(&fine, FINE) &&
         sbl_create(headless("bake_vertices"), &context) == SBL_SUCCESS;
-    ok = ok && box_bake(context, &fine, 0, truth) && box_bake(context, &coarse, 1, average) &&
-        box_bake(context, &coarse, 0, fitted);
+    ok = ok && box_bake(context, &fine, 0, preset, truth) && box_bake(context, &coarse, 1, preset, average) &&
+        box_bake(context, &coarse, 0, preset, fitted);
     if (ok) {
         printf("bake_vertices: %d vertices, off by %.1f %% (by averages %.1f %%), %.2f s\n", vertices_of(COARSE),
                100 * difference(fitted, truth),

@@ -1,6 +1,7 @@
 /* Demonstrates light at arbitrary points, here the vertices of a finely divided Cornell box. sbl_gather_readings
    measures light at points with normals. vertex_light.ply is the mesh with its light as vertex colours, for any model
-   viewer; vertex_light.png is a picture of it. The first argument is the folder for the files. */
+   viewer; vertex_light.png is a picture of it. The first argument is the folder for the files. With a second argument,
+   the light is a draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -138,7 +139,8 @@ static int picture_make(sbl_context *context) {
 
 int main(int argc, char **argv) {
     const char *folder = argc > 1 ? argv[1] : ".";
-    const sbl_readings_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* defaults */
+    const sbl_readings_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES,
+                                       .options.preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT };
     sbl_context *context;
     cornell_box box;
     char path[1024];

@@ -908,6 +908,9 @@ TEST(picture_desc) {
     BAD_PICTURE(d.view_to_clip[15] = 1, "view_to_clip", NULL);   /* neither perspective nor orthographic */
     BAD_PICTURE(d.view_to_clip[3] = 0.5f, "view_to_clip", "0.5");
     BAD_PICTURE(d.view_to_clip[4] = 0.5f, "view_to_clip", NULL);
+    for (i = 12; i < 14; i++) BAD_PICTURE(d.view_to_clip[i] = 0.5f, "view_to_clip", NULL);
+    for (i = 8; i < 10; i++)  /* orthographic, but sheared */
+        BAD_PICTURE((identity(d.view_to_clip), d.view_to_clip[i] = 0.5f), "view_to_clip", NULL);
     usable("bad picture descriptors");
 }
 
@@ -1455,10 +1458,12 @@ TEST(sizes_far_apart) {
    from the origin for their size. */
 TEST(warnings) {
     static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
-        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
+        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 2, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT },
+        { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
         { 1e-11f, 0, 1, 1, SBL_LOG_ITEM_SCALE },
         { 1e9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e11f, 0, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 1, 0, SBL_LOG_ITEM_OK },
         { 1, 1e5f, 1, 1, SBL_LOG_ITEM_SCALE } };
+    static const unsigned char white[3] = { 255, 255, 255 };
     int i, way;
     for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
         const float size = cases[i].size, away = cases[i].offset,
@@ -1471,6 +1476,9 @@ TEST(warnings) {
             scene_quad(&s, scene_lamp(&s, 3, 3, 3), -0.5f * size, size, -0.5f * size, -0.5f * size, size, 0.5f * size,
                        0.5f * size, size, 0.5f * size,
                                        0.5f * size, size, -0.5f * size);
+        if (cases[i].light == 2)  /* the lamp has a texture */
+            s.materials[s.material_count - 1].emission_texture =
+                scene_texture(&s, white, sizeof white, SBL_PIXELS_SRGB8, 1, 1, 3);
         for (way = 0; way < s.mesh_count; way++) memcpy(s.meshes[way].transform, move, sizeof move);
         desc = scene_desc(&s);
         watch_forget(&seen);

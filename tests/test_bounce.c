@@ -115,7 +115,45 @@ static double most_of(int from, int to) {
     return most;
 }
 
-/* >>leaks of light */
+/* >>skies */
+
+/* A wall that only a sky picture lights, with a sun in one texel; behind the wall, the picture is black. The wall's R
+   is a sum over the texels: radiance times solid angle times cosine. From afar, sites see it in stored light. */
+TEST(a_wall_in_the_light_of_a_picture) {
+    enum { ACROSS = 32, DOWN = 16, SUN = 5 * ACROSS + 22 };
+    static float pixels[ACROSS * DOWN * 3];
+    const double step = TEST_PI / DOWN, half = 4;  /* half the wall's side, in units of the sites' distance */
+    const double corner = half / sqrt(1 + half * half), form = 4 / TEST_PI * corner * atan(corner);
+    double expected[3] = { 0, 0, 0 };
+    test_scene s = { 0 };
+    int i, k;
+    for (i = 0; i < ACROSS * DOWN; i++) {
+        const double around = 2 * TEST_PI * ((i % ACROSS + 0.5) / ACROSS - 0.5), polar = step * (i / ACROSS + 0.5);
+        /* the integral of the cosine over the texel's solid angle */
+        const double cosine = sin(0.5 * 2 * TEST_PI / ACROSS) * sin(around) * (step - cos(2 * polar) * sin(step));
+        for (k = 0; k < 3 && cosine > 0; k++) {
+            pixels[3 * i + k] = i == SUN ? 400 : (float)(1 + 0.5 * cos(around - k));
+            expected[k] += 0.5 * form * (double)pixels[3 * i + k] * cosine / TEST_PI;
+        }
+    }
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -40, -40, 0, 40, -40, 0, 40, 40, 0, -40, 40, 0);
+    s.environment.picture.pixels = pixels;
+    s.environment.picture.format = SBL_PIXELS_FLOAT;
+    s.environment.picture.width = ACROSS;
+    s.environment.picture.height = DOWN;
+    s.environment.picture.channels = 3;
+    site_count = 0;
+    for (i = 0; i < 16; i++) add_site(0, 0, 40 / half, 0, 0, -1, 1);
+    if (use_scene(&s, 4096) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024))
+        for (k = 0; k < 3; k++) {
+            printf("  R before the wall: %.4f, expected %.4f\n", mean_of(0, site_count, k), expected[k]);
+            CHECK(fabs(mean_of(0, site_count, k) / expected[k] - 1) < 0.02, "channel %d: R is %g, expected %g", k,
+                  mean_of(0, site_count, k), expected[k]);
+        }
+    scene_free(&s);
+}
+
+/* >>leaks */
 
 static const float scales[] = { 1e-2f, 1, 1e3f };
 static const int budgets[] = { 1024, 8192, 49152 };
@@ -1731,6 +1769,7 @@ int main(void) {
     RUN_PLAIN(a_furnace_in_a_large_scene);
     RUN(furnace_under_the_sky);
     RUN(furnace_of_a_texture);
+    RUN(a_wall_in_the_light_of_a_picture);
     RUN(albedo_of_one);
     RUN_PLAIN(light_is_neither_made_nor_lost);
     RUN_PLAIN(a_cube_by_paths);

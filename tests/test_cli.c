@@ -2229,6 +2229,9 @@ TEST(a_png_is_made_for_screens) {
     CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "--sky",
                "0,0,0", "-o", "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"),
           "expected a line on black: %s", ran.err);
+    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "--sky",
+               "9,0,0", "--tone", "none", "--exposure", "0", "-o", "lit.png") == 0 && !said("white") && !said("black"),
+          "a red picture is neither white nor black: %s", ran.err);
     for (i = 0; i < 3; i++) stbi_image_free(png[i]);
     stbi_image_free(none);
 }

@@ -631,8 +631,10 @@ TEST(environment_behind) {
     scene_sky(&s, 1, 2, 3);
     desc = scene_desc(&s);
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
-    for (i = 0; i < 32; i++) {
-        const double down = REF_PI * (i / 8 + 0.5) / 4, around = 2 * REF_PI * ((i % 8 + 0.5) / 8 - 0.5);
+    for (i = 0; i < 64; i++) {  /* centres of texels, then borders with the next texel to the right */
+        const int texel = i % 32, beside = i < 32 ? texel : texel / 8 * 8 + (texel + 1) % 8;
+        const double down = REF_PI * (texel / 8 + 0.5) / 4;
+        const double around = 2 * REF_PI * ((i % 8 + (i < 32 ? 0.5 : 1)) / 8 - 0.5);
         sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down),
                                            (float)(sin(down) * sin(around)));
         float final[3] = { (float)NAN, 0, 0 };
@@ -640,7 +642,9 @@ TEST(environment_behind) {
         CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS &&
                   sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS,
               "no picture");
-        for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
+        for (k = 0; k < 3; k++)
+            worst = test_max(worst, fabs((double)final[k] - 1 - k - 0.5 * (double)pixels[3 * texel + k] -
+                                         0.5 * (double)pixels[3 * beside + k]));
     }
     CHECK(worst < 1e-3, "the sky is off by %g", worst);
     scene_free(&s);
@@ -872,6 +876,60 @@ TEST(transforms) {
     scene_free(&s);
 }
 
+/* >>functions of the interface */
+
+/* Looking and projecting move points to where the eye sees them: the axes of the view, the edges of the picture, and
+   the near plane at 0.1. */
+TEST(matrices_place_points) {
+    const double t = tan(0.5 * 50 * TEST_PI / 180);
+    float view[16], clip[16], unchanged[16] = { 3 };
+    int k;
+    REQUIRE(sbl_look_at(view, 1, 2, 3, 1, 2, -4, 0, 5, 1) && sbl_perspective(clip, 50, 1.5f), "no matrices");
+    for (k = 0; k < 3; k++) {  /* the eye looks along -z, so the axes of view and world are the same */
+        CHECK(fabs((double)view[4 * k + k] - 1) < 1e-6 && fabs((double)view[12 + k] + k + 1) < 1e-6,
+              "axis %d: %g, the eye is moved by %g", k, (double)view[4 * k + k], (double)view[12 + k]);
+        CHECK(view[4 * k + 3] == 0 && clip[4 * k + 3] == (k == 2 ? -1 : 0), "the last row is wrong in column %d", k);
+    }
+    REQUIRE(sbl_look_at(view, 0, 0, 0, 2, 0, 0, 0, 0, 3), "no view along x");  /* right: -y; up: z; back: -x */
+    CHECK(view[4] == -1 && view[9] == 1 && view[2] == -1, "along x: %g %g %g", (double)view[4], (double)view[9],
+          (double)view[2]);
+    CHECK(fabs((double)clip[0] * 1.5 * t - 1) < 1e-6 && fabs((double)clip[5] * t - 1) < 1e-6, "edges at %g, %g",
+          1 / (double)clip[0], 1 / (double)clip[5]);
+    CHECK(fabs(-0.1 * (double)clip[10] + (double)clip[14] + 0.1) < 1e-6, "the near plane is at depth %g",
+          (-0.1 * (double)clip[10] + (double)clip[14]) / 0.1);
+    CHECK(!sbl_look_at(unchanged, 1, 2, 3, 1, 2, 3, 0, 1, 0) && !sbl_look_at(unchanged, 0, 0, 0, 0, 4, 0, 0, 1, 0) &&
+          !sbl_perspective(unchanged, 180, 1) && !sbl_perspective(unchanged, 50, 0) && unchanged[0] == 3,
+          "a direction of length 0, one along up, or an impossible angle gives a matrix");
+}
+
+/* sRGB bytes: every byte comes back from its linear value by IEC 61966-2-1, half a step decides, and what is no number
+   is black. */
+TEST(bytes_are_srgb) {
+    static const float odd[8] = { -1, 0, 1, 7, 0, 0, 0, 0.5f };
+    static const unsigned char expected[8] = { 0, 0, 255, 255, 255, 0, 0, 188 };
+    unsigned char bytes[8], byte;
+    float values[8];
+    int i;
+    for (i = 0; i < 256; i++) {
+        const double x = i / 255.0, half = (i + 0.5) / 255;
+        const double y = x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
+        const double z = half <= 0.04045 ? half / 12.92 : pow((half + 0.055) / 1.055, 2.4);
+        const float exact = (float)(y / 3), below = (float)(z * (1 - 1e-4)), above = (float)(z * (1 + 1e-4));
+        sbl_encode_srgb8(&byte, &exact, 1, 3);
+        CHECK(byte == i, "%d comes back as %d", i, byte);
+        sbl_encode_srgb8(&byte, &below, 1, 1);
+        CHECK(byte == i, "below %d.5: %d", i, byte);
+        sbl_encode_srgb8(&byte, &above, 1, 1);
+        CHECK(byte == (i < 255 ? i + 1 : 255), "above %d.5: %d", i, byte);
+    }
+    memcpy(values, odd, sizeof values);
+    values[4] = (float)HUGE_VAL;
+    values[5] = -values[4];
+    values[6] = values[4] - values[4];
+    sbl_encode_srgb8(bytes, values, 8, 1);
+    for (i = 0; i < 8; i++) CHECK(bytes[i] == expected[i], "%g becomes %d", (double)values[i], bytes[i]);
+}
+
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
     RUN(open_plane_under_sky);
@@ -901,6 +959,8 @@ int main(void) {
     RUN(hidden_from_sensors);
     RUN(final_is_emission_plus_albedo_times_radiance);
     RUN(transforms);
+    RUN(matrices_place_points);
+    RUN(bytes_are_srgb);
     sbl_destroy(context);
     return test_report();
 }

@@ -421,7 +421,11 @@ TEST(past_buffer_textures) {
 
 /* >>the draw callback; the host draws the meshes from first to last - 1 of the Cornell box as sbl_draw_view requires */
 
-typedef struct host_geometry { GLuint array, buffer, programs[2][2]; int corners, calls[2]; } host_geometry;
+typedef struct host_geometry {
+    GLuint array, buffer, programs[2][2];
+    int corners, calls[2];
+    float epsilon[2];
+} host_geometry;
 typedef struct host_corner { float position[3], normal[3], albedo[3], emission[3], id; } host_corner;
 
 static const char host_vertex[] =
@@ -534,6 +538,7 @@ static void host_geometry_draw(const sbl_draw_view *view, void *user) {
     host_geometry *h = (host_geometry *)user;
     GLuint program = h->programs[view->kind][view->write_depth];
     h->calls[view->kind]++;
+    h->epsilon[view->kind] = view->epsilon;
     gl.UseProgram(program);
     gl.UniformMatrix4fv(host_gl_uniform(program, "world_to_clip"), 1, GL_FALSE, view->world_to_clip);
     gl.Uniform3fv(host_gl_uniform(program, "eye"), 1, view->eye);
@@ -580,6 +585,8 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
     CHECK(h.calls[SBL_VIEW_CAMERA] >= 1 && h.calls[SBL_VIEW_SENSOR] > 1000, "the callback was called %d and %d times",
           h.calls[0], h.calls[1]);
+    CHECK(fabs((double)h.epsilon[SBL_VIEW_CAMERA] - (double)h.epsilon[SBL_VIEW_SENSOR]) < 1e-9,
+          "the ambient factor is %g for the camera, %g for sensors", (double)h.epsilon[0], (double)h.epsilon[1]);
     for (i = 0, a = channel_of(&meshes, SBL_CHANNEL_ID), b = channel_of(&drawn, SBL_CHANNEL_ID); i < PIXELS; i++)
         ids += a[i] != b[i];
     for (i = 0, a = channel_of(&meshes, SBL_CHANNEL_POSITION),

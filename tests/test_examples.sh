@@ -113,10 +113,11 @@ reflections_run() {
 }
 plain_check reflections_run
 
-# >>vertex_light: the example bakes the light of a mesh to its vertices
+# >>vertex_light: a draft of light that pictures show, baked to the vertices of a mesh
 
 vertex_light_run() {
-    run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"
+    run vertex_light vertex_light draft &&
+        grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"
 }
 vertex_light_mesh() {
     awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 }
@@ -149,12 +150,12 @@ bake_lightmap_map() {
 check bake_lightmap_is_short bake_lightmap_is_short
 plain_check bake_lightmap_map
 
-# >>bake_vertices: least squares give a smaller error than averages
+# >>bake_vertices: a draft; least squares have a smaller error than averages
 
 bake_vertices_run() {
-    run bake_vertices bake_vertices &&
+    run bake_vertices bake_vertices draft &&
     sed -n 's/.* vertices, off by \([0-9.]*\) % (by averages \([0-9.]*\) %).*/\1 \2/p' "$folder/bake_vertices/said" |
-        awk '{ ok = $1 > 0.1 && $1 < 7 && $2 > 1.3 * $1 } END { exit !ok }'
+        awk '{ ok = $1 > 0.1 && $1 < 9 && $2 > 1.3 * $1 } END { exit !ok }'
 }
 bake_vertices_mesh() {
     awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 }
@@ -285,7 +286,8 @@ for example in minimal host_context host_draw lights reflections vertex_light ba
     paper_metrics; do
     without_folder() { fails_in_words "$example" "$folder/no such folder"; }
     case $example in
-        bake_lightmap | reflections) ;;  # these fail only at the end, in the same lines of code as minimal
+        # these fail after the work, with the same lines as minimal
+        bake_lightmap | reflections | host_context | host_draw) ;;
         *) plain_check "${example}_without_folder" without_folder ;;
     esac
     check "${example}_without_gl" without_gl "$example"

@@ -4,6 +4,7 @@
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
+#include "support/inside.h"
 #include "support/lobe.h"
 
 static watch seen;
@@ -1058,7 +1059,98 @@ TEST(glows_of_metal_count_once) {
     CHECK(light[2] < 0.55 * light[1], "the roughest metal reflects %.3f, rough metal %.3f", light[2], light[1]);
 }
 
-/* Metal reflects almost no light of the colours that its albedo lacks, and the light in its lobe stays finite there. */
+/* Measures the light before a floor that gets light only by way of a ceiling of metal, from a patch which a wall hides
+   from the floor. spot: 1: a spot of this intensity lights the patch; 0: the patch emits `light` itself. opacity: that
+   of the ceiling */
+static double by_way_of_a_ceiling(int spot, double light, double opacity) {
+    enum { SITES = 16 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    sbl_readings_desc gather;
+    sbl_scene_desc desc;
+    test_scene s = { 0 };
+    const int ceiling = scene_gloss(&s, 0.9, 0.9, 0.9, 1, 0.3), floor = scene_material(&s, 0.8f, 0.8f, 0.8f);
+    const int wall = scene_material(&s, 0, 0, 0), lamp = scene_lamp(&s, (float)light, (float)light, (float)light);
+    double sum = 0;
+    int i;
+    s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_blend(&s, scene_quad(&s, ceiling, -2, 1, -2, 2, 1, -2, 2, 1, 2, -2, 1, 2), (float)opacity);
+    scene_quad(&s, spot ? floor : lamp, -0.6f, 0, -0.2f, -0.6f, 0, 0.2f, -0.2f, 0, 0.2f, -0.2f, 0, -0.2f);
+    scene_quad(&s, wall, 0, -0.1f, -1, 0, -0.1f, 1, 0, 0.75f, 1, 0, 0.75f, -1);
+    scene_quad(&s, floor, 0.1f, 0, -0.5f, 0.1f, 0, 0.5f, 1.1f, 0, 0.5f, 1.1f, 0, -0.5f);
+    if (spot) {
+        sbl_light *l = scene_light(&s, SBL_LIGHT_SPOT, (float)light, (float)light, (float)light);
+        l->position[0] = -0.4f;
+        l->position[1] = 0.8f;
+        l->direction[1] = -1;
+        l->cone = l->inner_cone = 60;
+    }
+    memset(&gather, 0, sizeof gather);
+    memset(sites, 0, sizeof sites);
+    for (i = 0; i < SITES; i++) {
+        sites[i].position[0] = 0.3f + 0.1f * (float)(i % 4);
+        sites[i].position[1] = 0.2f;
+        sites[i].position[2] = 0.1f * (float)(i / 4) - 0.15f;
+        sites[i].normal[1] = -1;
+    }
+    gather.sites = sites;
+    gather.readings = readings;
+    gather.site_count = SITES;
+    gather.options.mode = SBL_MODE_GI;
+    gather.options.rays = 256;
+    desc = scene_desc(&s);
+    desc.max_bounce_cells = 32768;
+    CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_gather_readings(context, &gather) == SBL_SUCCESS,
+          "no readings");
+    CHECK((inside_glow_count(context) > 0) == spot, "%d glows", inside_glow_count(context));
+    for (i = 0; i < SITES; i++) sum += (double)readings[i].radiance[0] / SITES;
+    scene_free(&s);
+    return sum;
+}
+
+/* A floor that sees a bright place only by way of metal gets the same light, whether the place is lit or emits as much
+   itself. Metal that is half there reflects half. */
+TEST(bright_places_are_seen_by_way_of_metal) {
+    double lit = 0, emits, glows, half;
+    int i;
+    for (i = 0; i < 64; i++) {  /* the patch reflects this much light, on average */
+        const double x = 0.05 * (i % 8) - 0.175, z = 0.05 * (i / 8) - 0.175, d2 = 0.64 + x * x + z * z;
+        lit += 0.8 * 20 * (0.8 / sqrt(d2)) / d2 / TEST_PI / 64;
+    }
+    emits = by_way_of_a_ceiling(0, lit, 1);
+    glows = by_way_of_a_ceiling(1, 20, 1);
+    half = by_way_of_a_ceiling(1, 20, 0.5);
+    printf("    before the floor %.5f from a lamp, %.5f from the patch, %.5f by half a ceiling\n", emits, glows, half);
+    CHECK(fabs(glows / emits - 1) < 0.15, "R is %g, that of a lamp %g", glows, emits);
+    CHECK(fabs(half / glows - 0.5) < 0.06, "R by half a ceiling is %g, by a whole one %g", half, glows);
+}
+
+/* A ball that mirrors all light shows the sky everywhere, also where its interpolated normals would lead a reflection
+   into the ball. */
+TEST(furnace_of_a_mirror_ball) {
+    enum { SIDE = 32 };
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 40, 0, 0.5f, 3, 0, 0, 0);
+    static float final[3 * SIDE * SIDE], id[SIDE * SIDE];
+    double worst = 0;
+    test_scene s = { 0 };
+    int i, shown = 0;
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.preset = SBL_PRESET_DRAFT;
+    view.samples = 1;
+    scene_sphere(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0, 0, 0, 1, 8, 4, 1);
+    scene_sky(&s, 1, 1, 1);
+    if (!scene_render(context, &s, &view)) return;
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3 * SIDE * SIDE) == SBL_SUCCESS &&
+          sbl_read_channel(context, SBL_CHANNEL_ID, id, SIDE * SIDE) == SBL_SUCCESS, "no channel");
+    for (i = 0; i < SIDE * SIDE; i++) {
+        if (id[i] > 0) worst = test_max(worst, fabs((double)final[3 * i] - 1));
+        shown += id[i] > 0;
+    }
+    CHECK(shown > SIDE * SIDE / 3 && worst < 0.02, "%d pixels show the ball, one is off by %g", shown, worst);
+    scene_free(&s);
+}
+
+/* Metal reflects almost nothing of the colours that its albedo lacks. The light in its lobe stays finite there. */
 TEST(lobes_may_be_black) {
     enum { SIDE = 32 };
     sbl_picture_desc view = scene_view(SIDE, SIDE, 40, 0.01f, 3, 0.013f, 0, 0, 0);
@@ -1687,6 +1779,8 @@ int main(void) {
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
     RUN_UNSANITIZED(glows_of_metal_count_once);
+    RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
+    RUN_UNSANITIZED(furnace_of_a_mirror_ball);
     RUN_UNSANITIZED(lobes_may_be_black);
     RUN(matte_scenes_stay_the_same);
     RUN_UNSANITIZED(rooms_reflect_their_mean);

@@ -345,13 +345,14 @@ static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
 /* The guides of a window are on the grid of the full picture, and equal those of the full picture. A picture as large
    as the window would have guides at every second pixel, not at every fourth. */
 TEST(windows_have_the_guides_of_the_whole) {
-    enum { ACROSS = 192, DOWN = 144 };
+    enum { ACROSS = 192, DOWN = 144, EDGE = 8 };
+    static int serves[DOWN][ACROSS];  /* the number of the guide that serves a pixel, in the grid of the whole */
     static const int window[4] = { 70, 40, 57, 63 };
     static uint32_t words[(ACROSS / 4) * (DOWN / 4)][SBL__GUIDE_WORDS];
     sbl_context *context = watch_context(&seen, NULL, &dark_room);
     sbl_picture_desc view = view_of();
     const sbl__refine *r;
-    int x, y, run, same = 0, other = 0;
+    int x, y, run, same = 0, other = 0, served = 0, wrong = 0;
     REQUIRE(context, "no context");
     view.width = ACROSS;
     view.height = DOWN;
@@ -369,9 +370,20 @@ TEST(windows_have_the_guides_of_the_whole) {
                 else if (memcmp(kept, found, sizeof words[0]) == 0) same++;
                 else other++;
             }
+        for (y = window[1] + EDGE; y < window[1] + window[3] - EDGE; y++)
+            for (x = window[0] + EDGE; x < window[0] + window[2] - EDGE; x++) {
+                const int at = (y - r->window.first[1]) * r->width + x - r->window.first[0];
+                const int own = sbl__guide_for(r, at) - 1, columns = r->guides.columns;
+                const int number = own < 0 ? -1 : (own / columns + r->guides.first[1]) * ACROSS + own % columns +
+                                   r->guides.first[0];
+                if (!run) serves[y][x] = number;
+                served += number >= 0;
+                wrong += number != serves[y][x];
+            }
         memcpy(view.mean_radiance, sbl_query_stats(context).picture.mean_radiance, sizeof view.mean_radiance);
     }
     CHECK(same > 100 && other == 0, "%d guides are the same, %d are not", same, other);
+    CHECK(served > 1000 && wrong == 0, "%d pixels have a guide, %d have another than in the whole", served, wrong);
     sbl_destroy(context);
 }
 

@@ -83,6 +83,7 @@ TEST(pictures_need_250_bytes_per_pixel) {
         before = held(context);
         view = scene_cornell_view(side, side);
         view.options.mode = modes[i];
+        view.options.rays = 16;  /* rays take time, not memory */
         CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
         m = sbl_query_memory(context);
         bytes = ((double)m.host_peak_bytes + (double)m.gpu_peak_bytes - before) / ((double)side * side);

@@ -56,19 +56,34 @@ TEST(parts_make_the_whole) {
           mean_difference("whole.pfm", "all.pfm"));
 }
 
-/* Parts with the channel display are joined to a .png. It is close to the .png that is made at once. */
-TEST(parts_make_a_png) {
+/* Returns the mean difference of two .png files of 48 x 32 pixels; 1000 if one cannot be read or is black. */
+static double png_off(const char *one, const char *other) {
     stbi_uc *pixels[2];
-    int w, h, n, i, k, off = 0;
+    int w, h, n, i, k, off = 0, ok = 1, sum[2] = { 0, 0 };
+    for (k = 0; k < 2; k++) {
+        pixels[k] = stbi_load(in_folder(k ? other : one), &w, &h, &n, 3);
+        ok = ok && pixels[k] && w == 48 && h == 32;
+    }
+    for (i = 0; i < 3 * 48 * 32 && ok; i++) {
+        off += abs(pixels[0][i] - pixels[1][i]);
+        for (k = 0; k < 2; k++) sum[k] += pixels[k][i];
+    }
+    for (k = 0; k < 2; k++) stbi_image_free(pixels[k]);
+    return sum[0] && sum[1] ? off / (3.0 * 48 * 32) : 1000;
+}
+
+/* A .png of parts that hold what a screen shows looks like the one that is made at once; so does one of errors, which
+   a .png shows raised. */
+TEST(parts_make_a_png) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "-o", "whole.png", "--exposure", "1") == 0, "%s", ran.err);
     REQUIRE(make_parts("shown", 2, "--channel=display", "--exposure=1"), "%s", ran.err);
     CHECK(MERGE("shown.1.exr", "shown.2.exr", "-o", "all.png") == 0 && !ran.err[0], "%s", ran.err);
-    for (k = 0; k < 2; k++) pixels[k] = stbi_load(in_folder(k ? "all.png" : "whole.png"), &w, &h, &n, 3);
-    for (i = 0; i < 3 * 48 * 32 && pixels[0] && pixels[1]; i++) off += abs(pixels[0][i] - pixels[1][i]);
-    CHECK(pixels[0] && pixels[1] && w == 48 && h == 32 && off < 4 * 3 * 48 * 32, "the mean difference is %g of 255",
-          off / (3.0 * 48 * 32));
-    for (k = 0; k < 2; k++) stbi_image_free(pixels[k]);
+    CHECK(png_off("whole.png", "all.png") < 4, "the mean difference is %g of 255", png_off("whole.png", "all.png"));
+    CHECK(RENDER(PICTURE, "--channel=error", "-o", "error.png") == 0, "%s", ran.err);
+    REQUIRE(make_parts("errors", 2, "--channel=error", NULL), "%s", ran.err);
+    CHECK(MERGE("errors.1.exr", "errors.2.exr", "-o", "all.png") == 0 && png_off("error.png", "all.png") < 16,
+          "errors: the mean difference is %g of 255: %s", png_off("error.png", "all.png"), ran.err);
     REQUIRE(make_parts("light", 2, "--exposure=1", NULL), "%s", ran.err);
     CHECK(MERGE("light.1.exr", "light.2.exr", "-o", "all.png") == 0 && said("--channel display"), "%s", ran.err);
 }

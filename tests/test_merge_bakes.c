@@ -296,6 +296,7 @@ TEST(the_form_of_probes_is_checked) {
         { "  {\"position\"", "{\"position\"" }, { "},\n  {\"position\"", "}\n  {\"position\"" },
         { "\n]}\n", "\n]}\n\n" }, { "\n]}\n", "\n]}" }, { "\n]}\n", "\n" }, { "\n]}\n", ",\n]}\n" },
         { "\"grid\": [3, 2, 3]", "\"grid\": [3, 3, 2]" }, { "\"grid\": [3, 2, 3]", "\"grid\": [03, 2, 3]" },
+        { "\"grid\": [3, 2, 3]", "\"grid\": [3, 2, 2]" },
         { "\"count\": 9", "\"count\": 0" }, { "\"count\": 9", "\"count\": 10" },
         { "\"count\": 9", "\"count\": 99999999999" },
         { "\"origin\": [", "\"origin\": [1, " }, { "\"spacing\": [", "\"spacing\": [1" },

@@ -304,7 +304,7 @@ TEST(the_store_is_left_at_any_step) {
         "a gather with bounced light", "sbl_end", "a move there and back",
                                          "the scene again", "cancelling", "a rasterised picture" };
     static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 100, 0, 1 }, back[16] = { 0 };
-    static float whole[BOUNCED], now[BOUNCED];
+    static float whole[BOUNCED], moved[BOUNCED], now[BOUNCED];
     static sbl_reading ambient[GATHER_SITES];
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -320,10 +320,17 @@ TEST(the_store_is_left_at_any_step) {
         REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS,
                 "no picture: %s", watch_last(&seen));
     }
+    {
+        sbl_picture_desc view = bounced_view();
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+                sbl_set_mesh_transform(context, 3, away) == SBL_SUCCESS &&
+                sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, moved) == SBL_SUCCESS,
+                "no picture: %s", watch_last(&seen));
+    }
     sbl_end(context);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
     blocks = seen.blocks;
-    for (at = 0; at < 100000; at += 1 + at / 2, round++) {
+    for (at = 0; at < 100000; at += 1 + at - (round & 1), round++) {
         int done = 0;
         for (what = at ? round % 3 : 0; what < whats; what += at ? 3 : 1) {
             sbl_picture_desc view = bounced_view(), other = bounced_view();
@@ -358,6 +365,10 @@ TEST(the_store_is_left_at_any_step) {
                     break;
                 case 5: result = sbl_set_mesh_transform(context, 3, away);
                         if (at & 1) sbl_begin_picture(context, &view), sbl_step(context, 1e-9);
+                        else if (sbl_render_picture(context, &view) == SBL_SUCCESS) {
+                            bounced_read(context, now);
+                            CHECK(memcmp(now, moved, sizeof now) == 0, "moved after %d steps: the picture differs", at);
+                        }
                         sbl_set_mesh_transform(context, 3, back); break;
                 case 6: result = sbl_set_scene(context, &scene); break;
                 case 8:

@@ -525,7 +525,10 @@ static int on_progress(float done, void *user) {
 /* Even in a single call the store is filled in pieces. Each piece calls the progress callback, which can cancel. */
 TEST(progress_covers_the_store) {
     sbl_picture_desc view = view_of(0.5f);
-    int calls;
+    sbl_readings_desc desc;
+    sbl_reading reading;
+    sbl_site site;
+    int calls, i;
     make_room(&scene);
     view.options.progress = on_progress;
     memset(&told, 0, sizeof told);
@@ -541,6 +544,17 @@ TEST(progress_covers_the_store) {
     CHECK(told.calls == told.stop_at && told.last > 0.02f && told.last < 0.34f, "%d calls, %g done", told.calls,
           (double)told.last);
     same_as_fresh("after a cancelled store", 1);
+    memset(&site, 0, sizeof site);  /* once the store is there, readings begin at 0 */
+    memset(&desc, 0, sizeof desc);
+    for (i = 0; i < 3; i++) site.position[i] = 1;
+    site.normal[1] = 1;
+    desc.sites = &site;
+    desc.readings = &reading;
+    desc.site_count = 1;
+    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS && sbl_begin_readings(context, &desc) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
+    sbl_step(context, 1e-9);
+    CHECK(sbl_progress(context) < 0.3f, "readings begin with a progress of %g", (double)sbl_progress(context));
     scene_free(&scene);
 }
 

@@ -1,6 +1,6 @@
-/* Tests without GL of the sections topology, solver, seams, interpolation and bounces of sbl.h: hash tables, welding of
-   vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a silhouette, and light of
-   a leaf. */
+/* Tests without GL of the sections topology, solver, seams, interpolation, bounces and refinement of sbl.h: hash tables,
+   welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a silhouette,
+   light of a leaf, and noise of sensors. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC  /* the compiler then drops unused functions */
 #include "../sbl.h"
@@ -557,6 +557,67 @@ TEST(groups_of_a_texel_add_up) {
     CHECK(first[2] == R[2], "R without groups belongs to no group");
 }
 
+/* The light of a hidden texel is the mean of what the middle quarter of its places find, and its noise is that of this
+   mean: of the places, or of the differences between them if these are larger. */
+TEST(places_that_differ_are_noisy) {
+    static const float found[2][8] = { { 5, 1, 8, 4, 2, 6, 3, 7 }, { 2, 2, 2, 2, 2, 2, 2, 2 } };
+    sbl__site sites[9];
+    sbl_reading readings[9];
+    sbl__refine r;
+    int round, i, k;
+    for (round = 0; round < 2; round++) {
+        double noise;
+        memset(&r, 0, sizeof r);
+        memset(sites, 0, sizeof sites);
+        memset(readings, 0, sizeof readings);
+        r.sites = sites;
+        r.readings = readings;
+        r.site_count = 9;
+        for (i = 0; i < 8; i++) {
+            sites[i].pixel = 3;
+            for (k = 0; k < 3; k++) readings[i].radiance[k] = found[round][i];
+            readings[i].noise = 0.4f;
+        }
+        sites[8].pixel = 4;
+        CHECK(sbl__places_mean(&r, 3) == 0 && sbl__places_mean(&r, 7) == 8, "only the last place gives the mean");
+        noise = (double)readings[7].noise;
+        CHECK(fabs((double)readings[7].radiance[1] - (round ? 2 : 4.5)) < 1e-6, "the mean is %g",
+              (double)readings[7].radiance[1]);
+        /* the middle two differ from their mean by 0.5 */
+        CHECK(fabs(noise - (round ? 0.4 : 0.5) / sqrt(8)) < 1e-5, "round %d: the noise is %g", round, noise);
+    }
+}
+
+/* The mean of n looks has the noise of one look over the root of n. A sensor keeps the variance of one look. */
+TEST(sensors_keep_the_variance_of_a_look) {
+    static sbl__core core;
+    sbl__sensor sensors[2], *block = sensors;
+    sbl__pixel pixel;
+    sbl__site site;
+    sbl_reading reading;
+    sbl__refine r;
+    memset(&r, 0, sizeof r);
+    memset(sensors, 0, sizeof sensors);
+    memset(&pixel, 0, sizeof pixel);
+    memset(&site, 0, sizeof site);
+    memset(&reading, 0, sizeof reading);
+    r.core = &core;
+    r.pixels = &pixel;
+    r.sensors = &block;
+    r.sites = &site;
+    r.readings = &reading;
+    r.site_count = 1;
+    r.rounds = 1;
+    pixel.sensor = 1;
+    sensors[1].sensed = 1;
+    site.looks = 4;
+    reading.radiance[0] = reading.radiance[1] = reading.radiance[2] = 7;
+    reading.noise = 0.5f;
+    CHECK(sbl__refine_take(&r, 0) == SBL_SUCCESS && sensors[1].looks == 4, "%d looks", sensors[1].looks);
+    CHECK(fabs(sensors[1].variance - 1) < 1e-6 && fabs((double)sensors[1].radiance[2] - 7) < 1e-6,
+          "four looks of noise 0.5: the variance of one is %g", sensors[1].variance);
+}
+
 /* If the number of glows is too large, the darkest are dropped, and their leaves become ordinary leaves again. */
 TEST(dropped_glows_are_ordinary) {
     enum { COUNT = SBL__GLOWS_MOST + 500 };
@@ -608,6 +669,8 @@ int main(void) {
     RUN(further_points_do_not_count_more);
     RUN(no_memory_is_left);
     RUN(groups_of_a_texel_add_up);
+    RUN(places_that_differ_are_noisy);
+    RUN(sensors_keep_the_variance_of_a_look);
     RUN(dropped_glows_are_ordinary);
     return test_report();
 }

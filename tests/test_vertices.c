@@ -708,6 +708,9 @@ TEST(only_backs_are_seen) {
     scene_box(&s, k, -3, -0.1f, -3, 3, 0.5001f, 3);  /* the walls face outwards */
     scene_polygon(&s, scene_lamp(&s, 1, 1, 1), lamp_corners, 4);
     light = bake(&s, &desc);
+    CHECK(sbl_query_stats(context).sensors.count >= 2 * SIDE * SIDE && sbl_query_stats(context).sensors.invalid == 0,
+          "%d of %d points are invalid", (int)sbl_query_stats(context).sensors.invalid,
+          (int)sbl_query_stats(context).sensors.count);
     error = light ? grid_error(light, SIDE, 1.5) : 1;
     CHECK(error < 0.01, "a room inside out is off by %.2f %%", 100 * error);
     free(light);
