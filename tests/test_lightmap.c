@@ -357,8 +357,8 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
 }
 
 /* A black box on a floor under a constant sky. The texels beneath it are hidden and get the light of its rim, so that
-   no dark rim shows where samples mix texels, although a dim lamp in the box stands for light that comes through joints:
-   R is about 0.0001 there. Near a wall R is at least half of the sky's. */
+   no dark rim shows where samples mix texels. A dim lamp in the box stands for light that comes through joints: R is
+   about 0.0001 there. Near a wall R is at least half of the sky's. */
 TEST(boxes_leave_no_dark_rims) {
     static test_scene s;
     const sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_GI);
