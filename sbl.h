@@ -432,7 +432,8 @@
    the centre stands in a narrow gap, rays search the texel for places from which light can leave, and the texel shows
    the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
    light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
-   that no light reaches at all lies inside something and is treated in the same way.
+   that sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and
+   is treated in the same way.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
@@ -16474,10 +16475,12 @@ typedef struct sbl__pixel_lobe {
 
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
-   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. */
+   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
+   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
+#define SBL__HIDDEN_DARK 0.001
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
@@ -16587,8 +16590,8 @@ typedef struct sbl__refine {
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and all pixels of one id form one
                                  smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* over sensors with R above 0 that were tested for occlusion: their number; sum of
-                                 sbl_reading.back_share */
+    double lit, lit_light, lit_backs;  /* over sensors that were tested for occlusion and are not dark, see
+                                 SBL__HIDDEN_DARK: their number; sums of luminance and of sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
                                  are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): not used */
@@ -17401,15 +17404,26 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
+/* Returns 1 if a sensor is dark and sees back faces, unlike most lit sensors. */
+static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *reading) {
+    const double light = (double)sbl__luminance(reading->radiance);
+    const int dark = !(light > 0) || light * r->lit < SBL__HIDDEN_DARK * r->lit_light;
+    return r->spec->bounced && dark && reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit;
+}
+
 /* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, or (SBL_MODE_GI) it is inside a solid: its R is 0 and it sees back faces, unlike most lit sensors. A
-   touched texel is close to the edge of a surface that hides texels, so that light changes within the texel. */
+   its width, or (SBL_MODE_GI) it is inside a solid or behind a shell such as a cornice: it is dark and sees back faces,
+   unlike most lit sensors. A touched texel is close to the edge of a surface that hides texels, so that light changes
+   within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
-    const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
+    const double light = (double)sbl__luminance(reading->radiance);
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
-    r->lit += !dark;
-    r->lit_backs += dark ? 0 : (double)reading->back_share;
-    if (r->spec->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
+    if (light > 0 && light * r->lit >= SBL__HIDDEN_DARK * r->lit_light) {
+        r->lit++;
+        r->lit_light += light;
+        r->lit_backs += (double)reading->back_share;
+    }
+    if (sbl__refine_is_inside(r, reading)) return SBL__HIDDEN;
     if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
@@ -17432,6 +17446,15 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
 static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     const float uncertainty = sbl__stored_uncertainty(r, p);
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
+}
+
+/* Makes a texel hidden whose places are dark: these are inside a solid, too. */
+static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
+    sbl__sensor *s = sbl__sensor_of(r, p);
+    s->invalid = 1;
+    s->occlusion = SBL__HIDDEN;
+    r->core->stats.sensors.invalid++;
+    sbl__refine_hide(r, p);
 }
 
 /* Makes a pixel invalid, unless it has places (>>refine: places). In traced lightmaps, the texel is then searched for
@@ -17597,6 +17620,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     for (i = 0; i < 3 && r->rounds == 0 && !s->places; i++) r->sum[i] += s->radiance[i];
     r->pixels_summed += r->rounds == 0 && !s->places;
     if (s->sensed || s->places) {
+        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
         s->sensed = 1;
         return SBL_SUCCESS;
     }
