@@ -28,9 +28,10 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
 }
 
 // Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,
-// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel
+// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel. With
+// SBL_SPECULAR, panes are cutouts, too, and need no textures; SBL_TEXTURED then tells whether there are textures.
 vec4 sbl_texture(uvec4 place, vec2 uv) {
-#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
+#if defined(SBL_TEXTURED) || (defined(SBL_CUTOUTS) && !defined(SBL_SPECULAR))
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);
     vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;
     ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));
