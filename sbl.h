@@ -3385,7 +3385,7 @@ enum {
     SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
     SBL__BOUNCED = 1 << 6,      /* shaders read bounced light from the store */
     SBL__MIXED = 1 << 7,        /* some lamp is not a triangle, or there are more than SBL__LAMPS lamps */
-    SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
+    SBL__CUTOUTS = 1 << 8,      /* some materials have holes or let light pass */
     SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
     SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
     SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
@@ -5360,7 +5360,8 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
         if (m->specular_texture) features |= SBL__TEXTURED;
     }
     if (sbl__material_blurs(m)) features |= SBL__MIRRORS_BLUR;
-    if (sbl__lets_pass(o)) features |= SBL__SPECULAR | SBL__TEXTURED | SBL__CUTOUTS;
+    if (sbl__lets_pass(o)) features |= SBL__SPECULAR | SBL__CUTOUTS;
+    if (m->transmission_texture) features |= SBL__TEXTURED;
     if (m->alpha_cutoff > 0) features |= SBL__TEXTURED | SBL__CUTOUTS;
     if (m->normal_texture) features |= SBL__NORMAL_MAPS | SBL__TEXTURED;
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
@@ -8005,9 +8006,10 @@ static const char *const sbl__glsl_scene[] = {
 "}\n",
 "\n",
 "// Samples a texture bilinearly, in linear colour space. entry: first row in the table of texels, width, height,\n",
-"// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel\n",
+"// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel. With SBL_SPECULAR,\n",
+"// panes count as cutouts but need no textures, so that only SBL_TEXTURED tells whether there are textures\n",
 "vec4 sbl_texture(uvec4 entry, vec2 uv) {\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
+"#if defined(SBL_TEXTURED) || (defined(SBL_CUTOUTS) && !defined(SBL_SPECULAR))\n",
 "    if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
 "    vec2 at = uv * vec2(entry.yz) - 0.5, corner = floor(at), f = at - corner;\n",
 "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
@@ -12835,33 +12837,15 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "        vec3 way = direction;\n",
 "        float limit = ray_length;\n",
-"#ifdef SBL_BOUNCED\n",
-"        sbl_Reflection next;\n",
-"#endif\n",
-"        // Even iterations trace the segments of the ray; odd iterations trace rays from near hits to lamps.\n",
-"        int turns = 2 * SBL_LEGS - 1;\n",
+"        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp. A\n",
+"        // separate iteration for the shadow ray would be slower: software renderers execute the whole body each time.\n",
+"        int legs = SBL_LEGS;\n",
 "#ifdef SBL_LOBE\n",
-"        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon\n",
+"        if (max(share.r, max(share.g, share.b)) <= 0.0) legs = 0;  // the direction is below the horizon\n",
 "#endif\n",
-"        for (int turn = 0; turn < turns; turn++) {\n",
-"            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);\n",
-"            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;\n",
-"#ifdef SBL_BOUNCED\n",
-"            if ((turn & 1) == 1) {\n",
-"                if (hit.triangle < 0 || hit.number == next.number) {\n",
-"                    sum.rgb += share * sbl_tint * next.light;\n",
-"                    sbl_add_layer(next.layer, share * sbl_tint * next.light);\n",
-"                }\n",
-"                share *= next.share;\n",
-"                direction = next.direction;\n",
-"#ifdef SBL_SPECULAR\n",
-"                ray_density = next.density;\n",
-"#endif\n",
-"                limit = SBL_UNBOUNDED;\n",
-"                if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
-"                continue;\n",
-"            }\n",
-"#endif\n",
+"        for (int leg = 0; leg < legs; leg++) {\n",
+"            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
+"            share *= sbl_tint;\n",
 "            if (hit.triangle < 0) {\n",
 "#ifdef SBL_SPECULAR\n",
 "                sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
@@ -12881,8 +12865,8 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_GROUPS\n",
 "            carried = share;\n",
 "#endif\n",
-"            sum.rgb += share * sbl_radiance(hit, position, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);\n",
-"            if (turn == 0) {\n",
+"            sum.rgb += share * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);\n",
+"            if (leg == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
@@ -12890,10 +12874,20 @@ static const char *const sbl__glsl_trace[] = {
 "            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
-"            next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));\n",
+"            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * leg)));\n",
 "            from = next.from;\n",
-"            direction = next.to_lamp;\n",
-"            limit = next.away;\n",
+"            sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
+"            if (between.triangle < 0 || between.number == next.number) {\n",
+"                sum.rgb += share * sbl_tint * next.light;\n",
+"                sbl_add_layer(next.layer, share * sbl_tint * next.light);\n",
+"            }\n",
+"            share *= next.share;\n",
+"            direction = next.direction;\n",
+"#ifdef SBL_SPECULAR\n",
+"            ray_density = next.density;\n",
+"#endif\n",
+"            limit = SBL_UNBOUNDED;\n",
+"            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
 "        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",

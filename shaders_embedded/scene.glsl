@@ -30,9 +30,10 @@ vec4 sbl_texel(uvec4 entry, ivec2 at) {
 }
 
 // Samples a texture bilinearly, in linear colour space. entry: first row in the table of texels, width, height,
-// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel
+// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel. With SBL_SPECULAR,
+// panes count as cutouts but need no textures, so that only SBL_TEXTURED tells whether there are textures
 vec4 sbl_texture(uvec4 entry, vec2 uv) {
-#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
+#if defined(SBL_TEXTURED) || (defined(SBL_CUTOUTS) && !defined(SBL_SPECULAR))
     if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);
     vec2 at = uv * vec2(entry.yz) - 0.5, corner = floor(at), f = at - corner;
     ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));

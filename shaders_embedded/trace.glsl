@@ -160,33 +160,15 @@ void main() {
 #endif
         vec3 way = direction;
         float limit = ray_length;
-#ifdef SBL_BOUNCED
-        sbl_Reflection next;
-#endif
-        // Even iterations trace the segments of the ray; odd iterations trace rays from near hits to lamps.
-        int turns = 2 * SBL_LEGS - 1;
+        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp. A
+        // separate iteration for the shadow ray would be slower: software renderers execute the whole body each time.
+        int legs = SBL_LEGS;
 #ifdef SBL_LOBE
-        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon
+        if (max(share.r, max(share.g, share.b)) <= 0.0) legs = 0;  // the direction is below the horizon
 #endif
-        for (int turn = 0; turn < turns; turn++) {
-            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);
-            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;
-#ifdef SBL_BOUNCED
-            if ((turn & 1) == 1) {
-                if (hit.triangle < 0 || hit.number == next.number) {
-                    sum.rgb += share * sbl_tint * next.light;
-                    sbl_add_layer(next.layer, share * sbl_tint * next.light);
-                }
-                share *= next.share;
-                direction = next.direction;
-#ifdef SBL_SPECULAR
-                ray_density = next.density;
-#endif
-                limit = SBL_UNBOUNDED;
-                if (max(share.r, max(share.g, share.b)) <= 0.0) break;
-                continue;
-            }
-#endif
+        for (int leg = 0; leg < legs; leg++) {
+            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
+            share *= sbl_tint;
             if (hit.triangle < 0) {
 #ifdef SBL_SPECULAR
                 sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
@@ -206,8 +188,8 @@ void main() {
 #ifdef SBL_GROUPS
             carried = share;
 #endif
-            sum.rgb += share * sbl_radiance(hit, position, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
-            if (turn == 0) {
+            sum.rgb += share * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
+            if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
                 hits.z = min(hits.z, hit.distance);
@@ -215,10 +197,20 @@ void main() {
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
+            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * leg)));
             from = next.from;
-            direction = next.to_lamp;
-            limit = next.away;
+            sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
+            if (between.triangle < 0 || between.number == next.number) {
+                sum.rgb += share * sbl_tint * next.light;
+                sbl_add_layer(next.layer, share * sbl_tint * next.light);
+            }
+            share *= next.share;
+            direction = next.direction;
+#ifdef SBL_SPECULAR
+            ray_density = next.density;
+#endif
+            limit = SBL_UNBOUNDED;
+            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
 #endif
         }
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
