@@ -9,11 +9,28 @@ const float SBL_SHINY = 0.2;
 // otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
 // Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
+const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that meet it
 bool hit_shines = false;     // true: the last hit is such a surface
 float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps
 
 bool sbl_shines(sbl_Material m) {
     return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;
+}
+
+// Sets hit_shines for a hit, and the albedo of gloss to that of the angle at which the ray meets it: gloss that a ray
+// meets at a grazing angle shines like metal. direction: of the ray
+void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
+    hit_shines = sbl_shines(m);
+    bool is_gloss = !hit_shines && m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET;
+    for (int once = 0; once < (is_gloss ? 1 : 0); once++) {
+        vec3 p0 = sbl_triangle_corner_0(hit.triangle);
+        vec3 across = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
+        float sizes = length(across) * length(direction);
+        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
+        vec3 share = sbl_fresnel(m.reflectance, cosine);
+        hit_shines = max(share.r, max(share.g, share.b)) > SBL_SHINY;
+        m.albedo = sbl_diffuse_albedo(m, cosine) + sbl_lobe_reflected(m, cosine, vec3(1));
+    }
 }
 
 // Density by solid angle with which points of the triangle that a ray hits would be drawn by area.

@@ -28,6 +28,7 @@ const float SBL_FIRST_SCALE = 0.7;
 // over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
+vec3 arriving = vec3(0);              // direction of the ray that has met the last hit
 float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
 
 #ifdef SBL_GROUPS
@@ -72,7 +73,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
-    hit_shines = !last && sbl_shines(material);
+    sbl_face_ray(material, hit, arriving);
+    hit_shines = hit_shines && !last;
     goes_on = goes_on || hit_shines;
     bool reads_store = !goes_on || hit_shines || bright_cells > 0;
 #else
@@ -206,6 +208,9 @@ void main() {
             vec3 place = from + direction * hit.distance;
 #ifdef SBL_GROUPS
             carried = share;
+#endif
+#ifdef SBL_SPECULAR
+            arriving = direction;
 #endif
             sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
             if (turn == 0) {
