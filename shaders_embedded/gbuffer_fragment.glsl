@@ -39,6 +39,9 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
+const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is followed by way of at most this many surfaces with
+const float SBL_ASIDE_ROUGH = 0.5;      // a lower roughness than this
+const float SBL_ASIDE_SHINY = 0.2;      // and a larger reflectance than this
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
@@ -98,8 +101,9 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 }
 
 // Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
-// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with its stored
-// light: the reflection of a pane, or the view through a surface that transmits little light. point: see
+// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,
+// with the stored light there: the reflection of a pane, or the view through a surface that transmits little
+// light. point: see
 // sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
@@ -116,16 +120,28 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
+// Returns the ray with which the ray `aside` continues at metal. Its weight is 0 if the ray ends.
+sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
+    vec3 reflectance = s.material.reflectance;
+    bool shines = s.material.roughness >= 0.0 && s.material.roughness < SBL_ASIDE_ROUGH &&
+                  max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_ASIDE_SHINY;
+    vec3 share = shines ? sbl_lobe_reflected(s.material, -dot(s.normal, ray.direction), ray.weight) : vec3(0);
+    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
+    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);
+    return sbl_leaving(s, false, direction, share);
+}
+
 // Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray hits.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;
     bool goes_on = true;
+    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit
     // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
     // sbl_trace for each call, so both rays share one call.
     for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {
         bool is_aside = (iteration & 1) == 0;
-        if (is_aside) {
+        if (is_aside && mirrors == 0) {
             bool pane;
             vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
@@ -140,6 +156,16 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
         sbl_Surface found = s;
         if (!is_sky) found = sbl_surface(hit.number, ray.origin, ray.direction);
         vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);
+        sbl_Leaving further = ray;
+        further.weight = vec3(0);
+        if (is_aside && !is_sky && mirrors < SBL_ASIDE_MIRRORS) further = sbl_aside(found, ray);
+        mirrors = further.weight == vec3(0) ? 0 : mirrors + 1;
+        if (mirrors > 0) {
+            m.emission += m.throughput * ray.weight * found.emission;
+            aside = further;
+            iteration--;  // the next iteration traces this ray
+            continue;
+        }
         if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);
         m.emission += m.throughput * ray.weight * light;
         if (is_aside) continue;

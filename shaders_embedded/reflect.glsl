@@ -9,12 +9,29 @@ const float SBL_SHINY = 0.2;
 // otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
 // Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
+const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
 bool hit_shines = false;     // true: the reflectance of the last hit exceeds SBL_SHINY
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_met); 0: ignore lamps that the ray hits
 
 bool sbl_shines(sbl_Material m) {
     return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;
+}
+
+// Sets hit_shines for a hit, and the albedo of gloss to its value for the angle between ray and surface, because
+// gloss at a grazing angle shines like metal. direction: direction of the ray
+void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
+    hit_shines = sbl_shines(m);
+    bool is_gloss = !hit_shines && m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET;
+    for (int once = 0; once < (is_gloss ? 1 : 0); once++) {
+        vec3 p0 = sbl_triangle_corner_0(hit.triangle);
+        vec3 across = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
+        float sizes = length(across) * length(direction);
+        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
+        vec3 share = sbl_fresnel(m.reflectance, cosine);
+        hit_shines = max(share.r, max(share.g, share.b)) > SBL_SHINY;
+        m.albedo = sbl_diffuse_albedo(m, cosine) + sbl_lobe_reflected(m, cosine, vec3(1));
+    }
 }
 
 // Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.

@@ -30,8 +30,8 @@ vec4 sbl_texel(uvec4 entry, ivec2 at) {
 }
 
 // Samples a texture bilinearly, in linear colour space. entry: first row in the table of texels, width, height,
-// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel. With SBL_SPECULAR,
-// panes count as cutouts but need no textures, so that only SBL_TEXTURED tells whether there are textures
+// SBL_TEXTURE flags; all 0: no texture, returns 1. uv: (0, 0) is the outer corner of the first texel. With
+// SBL_SPECULAR, panes count as cutouts but need no textures: only SBL_TEXTURED tells whether there are textures
 vec4 sbl_texture(uvec4 entry, vec2 uv) {
 #if defined(SBL_TEXTURED) || (defined(SBL_CUTOUTS) && !defined(SBL_SPECULAR))
     if ((entry.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);

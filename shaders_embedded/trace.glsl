@@ -28,6 +28,7 @@ const float SBL_FIRST_SCALE = 0.7;
 // over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
+vec3 arriving = vec3(0);              // direction of the ray that found the last hit
 float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows
 
 #ifdef SBL_GROUPS
@@ -71,7 +72,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
-    hit_shines = !last && sbl_shines(material);
+    sbl_face_ray(material, hit, arriving);
+    hit_shines = hit_shines && !last;
     goes_on = goes_on || hit_shines;
     bool reads_store = !goes_on || hit_shines || bright_cells > 0;
 #else
@@ -160,8 +162,9 @@ void main() {
 #endif
         vec3 way = direction;
         float limit = ray_length;
-        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp. A
-        // separate iteration for the shadow ray would be slower: software renderers execute the whole body each time.
+        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
+        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
+        // each iteration.
         int legs = SBL_LEGS;
 #ifdef SBL_LOBE
         if (max(share.r, max(share.g, share.b)) <= 0.0) legs = 0;  // the direction is below the horizon
@@ -187,6 +190,9 @@ void main() {
             vec3 position = from + direction * hit.distance;
 #ifdef SBL_GROUPS
             carried = share;
+#endif
+#ifdef SBL_SPECULAR
+            arriving = direction;
 #endif
             sum.rgb += share * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
             if (leg == 0) {

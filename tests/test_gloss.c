@@ -579,6 +579,36 @@ TEST(panes_mirror_bounced_light) {
     }
 }
 
+/* A pane is seen at 70 degrees under a sky of 1. It mirrors a metal plate, which mirrors the sky: the pane has the
+   radiance 1 - F + F * Fm, where F is the Fresnel term of the pane and Fm the Fresnel term of the plate. A plate with
+   the roughness 0.6 shows stored light, which is 0 in direct light. */
+TEST(panes_mirror_metal) {
+    enum { SIDE = 8 };
+    const float away = -2.7f;  /* the pane's mirrored rays meet the plate here */
+    int kind;
+    for (kind = 0; kind < 3; kind++) {
+        test_scene s = { 0 };
+        const int plate = scene_gloss(&s, 0.5, 0.5, 0.5, 1, kind == 2 ? 0.6 : 0.2 * kind);
+        sbl_picture_desc view = view_of_plate(SIDE, SIDE, 4, 70, 16);
+        const double cosine = cos(70 * TEST_PI / 180), pane = lobe__fresnel(cosine, 0.04);
+        const double wanted = 1 - pane + pane * (kind == 0 ? lobe__fresnel(cosine, 0.5) :
+                                                 kind == 1 ? lobe_albedo(cosine, 0.2, 0.5) : 0);
+        double mean = 0;
+        shot p;
+        int i;
+        scene_sky(&s, 1, 1, 1);
+        scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
+        scene_quad(&s, plate, away - 1, 1, -1, away - 1, 1, 1, away + 1, 1, 1, away + 1, 1, -1);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++)
+            mean += (double)at(&p, SBL_CHANNEL_FINAL, i % SIDE, i / SIDE)[1] / SIDE / SIDE;
+        printf("    plate of roughness %.1f: %.4f of %.4f\n", (double)s.materials[plate].roughness, mean, wanted);
+        CHECK(fabs(mean - wanted) < 0.003, "kind %d: the pane has the radiance %.4f, not %.4f", kind, mean, wanted);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* >>highlights of lamps */
 
 /* Returns the roughness of the surfaces in the tests of highlights, which are of metal (even) or plastic, with three
@@ -963,8 +993,8 @@ TEST(furnace_of_a_room) {
     }
 }
 
-/* Returns R of a floor beside a black wall or, if `metal` is 1, beside a wall of white metal, under the sky or a
-   lamp. */
+/* Returns R of a floor, under the sky or a lamp, beside a wall: black if `metal` is 0, white metal if it is 1, black
+   gloss if it is -1. */
 static double beside_a_wall(int metal, int lamp, double roughness) {
     enum { SITES = 16 };
     sbl_site sites[SITES];
@@ -972,7 +1002,8 @@ static double beside_a_wall(int metal, int lamp, double roughness) {
     sbl_readings_desc desc = { 0 };
     sbl_scene_desc scene;
     test_scene s = { 0 };
-    const int wall = metal ? scene_gloss(&s, 1, 1, 1, 1, roughness) : scene_material(&s, 0, 0, 0);
+    const int wall = metal > 0 ? scene_gloss(&s, 1, 1, 1, 1, roughness) : metal < 0 ?
+        scene_gloss(&s, 0, 0, 0, 0, roughness) : scene_material(&s, 0, 0, 0);
     double mean = 0;
     int i;
     memset(sites, 0, sizeof sites);
@@ -1011,6 +1042,23 @@ TEST(metal_lights_floors) {
         CHECK(fabs(sky / cases[i].sky - 1) < 0.01, "roughness %g: %.4f of the sky", cases[i].roughness, sky);
         CHECK(fabs(added / cases[i].lamp - 1) < 0.03, "roughness %g: the wall adds %.4f, not %.4f", cases[i].roughness,
               added, cases[i].lamp);
+    }
+}
+
+/* A wall of black gloss reflects the sky to the floor beside it, mostly at grazing angles. The floor sees the wall at a
+   cosine c with the weight 2 / pi (1 - c^2)^(1/2), so that the wall adds more than twice its mean albedo of 0.08. */
+TEST(gloss_lights_floors) {
+    enum { STEPS = 200 };
+    int kind, i;
+    for (kind = 0; kind < 2; kind++) {
+        const double roughness = 0.3 + 0.15 * kind, added = beside_a_wall(-1, 0, roughness) - 0.5;
+        double wanted = 0;
+        for (i = 0; i < STEPS; i++) {
+            const double c = (i + 0.5) / STEPS;
+            wanted += 2 / TEST_PI * sqrt(1 - c * c) * lobe_albedo(c, roughness, 0.04) / STEPS;
+        }
+        printf("    roughness %.2f: the wall adds %.4f of %.4f\n", roughness, added, wanted);
+        CHECK(fabs(added / wanted - 1) < 0.03, "roughness %g: the wall adds %.4f, not %.4f", roughness, added, wanted);
     }
 }
 
@@ -1769,6 +1817,7 @@ int main(void) {
     RUN_UNSANITIZED(mirrors_show_surfaces);
     RUN_UNSANITIZED(mirrors_blur_what_they_show);
     RUN_UNSANITIZED(panes_mirror_bounced_light);
+    RUN_UNSANITIZED(panes_mirror_metal);
     RUN_UNSANITIZED(panes_read_red);
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
@@ -1778,6 +1827,7 @@ int main(void) {
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
+    RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);

@@ -1,6 +1,6 @@
-/* Tests without GL of the sections topology, solver, seams, interpolation, bounces and refinement of sbl.h: hash tables,
-   welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a silhouette,
-   light of a leaf, and noise of sensors. */
+/* Tests without GL of the sections topology, solver, seams, interpolation, bounces and refinement of sbl.h: hash
+   tables, welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a
+   silhouette, light of a leaf, and noise of sensors. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC  /* the compiler then drops unused functions */
 #include "../sbl.h"

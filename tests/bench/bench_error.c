@@ -6,9 +6,11 @@
        build/bench_error --error 0             1024 rays at every pixel and no filter, so that only the error of stored
                                                light remains; `predicted` is then that of stored light
        build/bench_error --pictures FOLDER     also writes R and the predicted error of each room to FOLDER
+       build/bench_error --gloss --error 0.015 rooms with mirrors, metal, gloss and panes (seeds as above): compares
+                                               FINAL with the radiance that a path tracer finds at the pixels' centres
    True pictures are kept in build/truth; increase VERSION when rooms change. A true picture takes minutes of processor
    time, and that of a storey takes 40.
-   All errors are relative to the mean R, and the noise of the true picture is subtracted. A negative error is too small
+   All errors are relative to the mean of the true picture, and its noise is subtracted. A negative error is too small
    to be measured against that noise. */
 #define _POSIX_C_SOURCE 200809L  /* for clock_gettime */
 #include <ctype.h>
@@ -25,16 +27,22 @@
 #include "../support/reference.h"
 #include "bench_furnished.h"
 #include "bench_truth.h"
+#include "bench_gloss_rooms.h"
+#include "bench_gloss_truth.h"
 
-enum { VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536, ROOMS_MOST = 256,
+enum { VERSION = 2, GLOSS_VERSION = 1, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
+       GLOSS_SAMPLES = 1024, ROOMS_MOST = 256,
        NOISE_MOST = 4 };  /* largest allowed ratio of the noise of a true picture to the true error of R */
 
 typedef struct picture { float rgb[3 * PIXELS]; } picture;
 
-/* A room, and the true R at its pixels. Values of `kind`: SMOOTH, EDGE, or 0 for a pixel that is ignored. */
+/* A room, and the true R or FINAL at its pixels. Values of `kind`: SMOOTH, EDGE, or 0 for a pixel that is
+   ignored. */
 enum { SMOOTH = 1, EDGE = 2 };
 typedef struct room {
-    furnished made;
+    gloss_room gloss;
+    furnished *made;   /* gloss.made */
+    int shines;        /* 1: a room with reflections, where FINAL takes the place of R */
     ref_point points[PIXELS];
     double light[PIXELS], noise[PIXELS];  /* luminance of the true R; from half of the samples, minus light */
     unsigned char kind[PIXELS];
@@ -79,29 +87,32 @@ static int read_pfm(const char *name, picture *out) {
 /* Reads the true picture from build/truth, or computes it. half: receives the picture from the first half of the
    samples */
 static void room_truth(const room *r, unsigned seed, picture *full, picture *half) {
-    const int samples = seed >= FURNISHED_STOREY ? 8 * SAMPLES : SAMPLES;
+    const int samples = r->shines ? GLOSS_SAMPLES : seed >= FURNISHED_STOREY ? 8 * SAMPLES : SAMPLES;
     char name[2][80];
     picture *other = (picture *)malloc(sizeof *other);
     float *halves[2];
     int i;
     if (!other) abort();
     for (i = 0; i < 2; i++)
-        snprintf(name[i], sizeof name[i], "build/truth/%u_%dx%d_v%d%s.pfm", seed, WIDTH, HEIGHT, (int)VERSION,
-                 i ? ".half" : "");
+        snprintf(name[i], sizeof name[i], "build/truth/%s%u_%dx%d_v%d%s.pfm", r->shines ? "gloss" : "", seed, WIDTH,
+                 HEIGHT, (int)(r->shines ? GLOSS_VERSION : VERSION), i ? ".half" : "");
     if (!read_pfm(name[0], full) || !read_pfm(name[1], half)) {
-        furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* with smaller triangles, for the guide */
-        truth *t;
-        if (!fine) abort();
-        fine->piece = 0.2;
-        furnished_make(fine, seed, WIDTH, HEIGHT);
-        t = truth_create(&fine->scene, fine->windows, fine->window_count);
         fprintf(stderr, "making the true picture of room %u\n", seed);
         halves[0] = half->rgb;
         halves[1] = other->rgb;
-        truth_render(t, r->points, PIXELS, samples, halves);
-        truth_destroy(t);
-        furnished_free(fine);
-        free(fine);
+        if (r->shines) gloss_truth_render(&r->gloss, samples, halves);
+        else {
+            furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* the same of smaller triangles, for the guide */
+            truth *t;
+            if (!fine) abort();
+            fine->piece = 0.2;
+            furnished_make(fine, seed, WIDTH, HEIGHT);
+            t = truth_create(&fine->scene, fine->windows, fine->window_count);
+            truth_render(t, r->points, PIXELS, samples, halves);
+            truth_destroy(t);
+            furnished_free(fine);
+            free(fine);
+        }
         for (i = 0; i < 3 * PIXELS; i++) full->rgb[i] = 0.5f * (half->rgb[i] + other->rgb[i]);
         mkdir("build", 0777);
         mkdir("build/truth", 0777);
@@ -136,20 +147,24 @@ static void room_classify(room *r) {
             }
 }
 
-static room *room_make(unsigned seed) {
+static room *room_make(unsigned seed, int shines) {
     room *r = (room *)calloc(1, sizeof *r);
     picture *full = (picture *)malloc(sizeof *full), *half = (picture *)malloc(sizeof *half);
     ref_scene *scene;
     double count = 0;
     int i;
     if (!r || !full || !half) abort();
-    furnished_make(&r->made, seed, WIDTH, HEIGHT);
-    scene = ref_create(&r->made.scene);
+    r->made = &r->gloss.made;
+    r->shines = shines;
+    if (shines) gloss_room_make(&r->gloss, seed, WIDTH, HEIGHT);
+    else furnished_make(r->made, seed, WIDTH, HEIGHT);
+    scene = ref_create(&r->made->scene);
     for (i = 0; i < PIXELS; i++) {
         const ref_point *p = &r->points[i];
-        r->points[i] = ref_pixel(scene, &r->made.view, i % WIDTH, i / WIDTH);
+        r->points[i] = ref_pixel(scene, &r->made->view, i % WIDTH, i / WIDTH);
         r->kind[i] = p->hit && !(p->emission[0] > 0);
     }
+    if (shines) gloss_leave_out(scene, &r->made->view, r->kind);
     ref_destroy(scene);
     room_truth(r, seed, full, half);
     for (i = 0; i < PIXELS; i++) {
@@ -165,7 +180,7 @@ static room *room_make(unsigned seed) {
 }
 
 static void room_free(room *r) {
-    furnished_free(&r->made);
+    gloss_room_free(&r->gloss);
     free(r);
 }
 
@@ -257,50 +272,82 @@ static double worst_speck(const room *r, const double *light) {
 
 typedef struct row { double target, predicted, pixel, noise; unsigned seed; } row;
 
-/* Renders a room and prints a row. Returns 0 on failure. out->target: target error; 0 measures the error of stored
-   light alone */
+/* Renders a room. Returns the seconds, or a negative number if that fails. */
+static double render(sbl_context *context, const room *r, const sbl_picture_desc *view, int matte) {
+    static sbl_material materials[FURNISHED_MESHES];
+    const double start = cpu_seconds();
+    sbl_scene_desc scene = r->made->scene;
+    int i;
+    for (i = 0; i < scene.material_count && matte; i++) {
+        materials[i] = scene.materials[i];
+        materials[i].ior = materials[i].metallic = materials[i].transmission = 0;
+        materials[i].flags = 0;
+    }
+    if (matte) scene.materials = materials;
+    if (sbl_set_scene(context, &scene) != SBL_SUCCESS || sbl_render_picture(context, view) != SBL_SUCCESS) return -1;
+    return cpu_seconds() - start;
+}
+
+/* Sums over the pixels that count. */
+typedef struct sums { double bias, count, noise, all, edges; } sums;
+
+static sums sum_errors(const room *r, const double *error) {
+    sums s = { 0, 0, 0, 0, 0 };
+    int i;
+    for (i = 0; i < PIXELS; i++) {
+        const double square = error[i] * error[i] - r->noise[i] * r->noise[i];
+        if (!r->kind[i]) continue;
+        s.bias += error[i]; s.count++;
+        s.noise += r->noise[i] * r->noise[i];
+        s.all += square;
+        if (r->kind[i] == EDGE) s.edges += square;
+    }
+    return s;
+}
+
+/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone */
 static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
     static float R[3 * PIXELS], predicted[PIXELS];
     static double light[PIXELS], error[PIXELS];
-    sbl_picture_desc view = r->made.view;
-    double seconds = cpu_seconds(), bias = 0, count = 0, edges = 0, all = 0, squares_of_noise = 0;
+    sbl_picture_desc view = r->made->view;
+    double seconds, matte = r->shines ? render(context, r, &view, 1) : 0;
+    sums s;
     int i;
-    view.facet_limit = -1;
+    view.facet_limit = r->shines ? 0.0f : -1.0f;
+    view.samples = r->shines;
     view.target_error = (float)out->target;
     if (!(out->target > 0)) { view.tile = 1; view.options.rays = 1024; view.filter_radius = -1; }
-    if (sbl_set_scene(context, &r->made.scene) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS ||
-        sbl_read_channel(context, SBL_CHANNEL_RADIANCE, R, 3 * PIXELS) != SBL_SUCCESS ||
+    seconds = render(context, r, &view, 0);
+    if (seconds < 0 || matte < 0 || sbl_read_channel(context, r->shines ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE, R,
+                                                     3 * PIXELS) != SBL_SUCCESS ||
         sbl_read_channel(context, SBL_CHANNEL_ERROR, predicted, PIXELS) != SBL_SUCCESS) return 0;
-    seconds = cpu_seconds() - seconds;
     for (i = 0; i < PIXELS; i++) {
         light[i] = luminance(R + 3 * i);
         error[i] = light[i] - r->light[i];
-        if (!r->kind[i]) continue;
-        bias += error[i]; count++;
-        squares_of_noise += r->noise[i] * r->noise[i];
-        all += error[i] * error[i] - r->noise[i] * r->noise[i];
-        if (r->kind[i] == EDGE) edges += error[i] * error[i] - r->noise[i] * r->noise[i];
     }
+    s = sum_errors(r, error);
     out->pixel = block_error(r, error, 1, SMOOTH | EDGE);
-    out->noise = root(squares_of_noise / count) / r->mean;
+    out->noise = root(s.noise / s.count) / r->mean;
     out->predicted = out->target > 0 ? predicted_error(r, predicted, SMOOTH | EDGE)
                                      : (double)sbl_query_stats(context).picture.stored_error;
     printf("%4u %4.1f | %5.2f %5.2f %5.2f | %5.2f %5.2f %+5.2f | %5.2f %5.2f %3.0f | %5.2f %5.2f | %5.0f %4.1f | "
            "%5.1f | %4.1f",
            out->seed, 100 * out->target, 100 * out->predicted, 100 * out->pixel, out->predicted / out->pixel,
            100 * block_error(r, error, 4, SMOOTH | EDGE), 100 * block_error(r, error, 8, SMOOTH | EDGE),
-           100 * bias / count / r->mean, 100 * predicted_error(r, predicted, EDGE),
-           100 * block_error(r, error, 1, EDGE), 100 * edges / all, 100 * predicted_error(r, predicted, SMOOTH),
+           100 * s.bias / s.count / r->mean, 100 * predicted_error(r, predicted, EDGE),
+           100 * block_error(r, error, 1, EDGE), 100 * s.edges / s.all, 100 * predicted_error(r, predicted, SMOOTH),
            100 * block_error(r, error, 1, SMOOTH), 100 * worst_error(r, error), worst_speck(r, light), seconds,
            100 * out->noise);
-    for (i = 0; i < 3; i++) if (r->made.labels[i]) printf(" %s%s", i ? ", " : "", r->made.labels[i]);
+    if (r->shines) printf(" matte %.1f s,", matte);
+    for (i = 0; i < 3; i++) if (r->made->labels[i]) printf("%s %s", i ? "," : "", r->made->labels[i]);
     printf("\n");
     fflush(stdout);
     if (folder) {
+        const char *name_of_kind = r->shines ? "gloss" : "";
         char name[512];
-        snprintf(name, sizeof name, "%s/%u_%g.R.pfm", folder, out->seed, 100 * out->target);
+        snprintf(name, sizeof name, "%s/%s%u_%g.R.pfm", folder, name_of_kind, out->seed, 100 * out->target);
         write_pfm(name, R, 3);
-        snprintf(name, sizeof name, "%s/%u_%g.predicted.pfm", folder, out->seed, 100 * out->target);
+        snprintf(name, sizeof name, "%s/%s%u_%g.predicted.pfm", folder, name_of_kind, out->seed, 100 * out->target);
         write_pfm(name, predicted, 1);
     }
     return 1;
@@ -406,7 +453,7 @@ static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER]\n");
+    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] [--gloss]\n");
     return 2;
 }
 
@@ -417,8 +464,9 @@ int main(int argc, char **argv) {
     sbl_context *context = NULL;
     const char *folder = NULL;
     double targets[16];
-    int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1;
+    int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1, shines = 0;
     for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--gloss") == 0) { shines = 1; continue; }
         if (i + 1 == argc) return usage();
         if (strcmp(argv[i], "--rooms") == 0) { if (!(count = read_seeds(argv[++i], seeds))) return usage(); }
         else if (strcmp(argv[i], "--error") == 0 && target_count < 16) targets[target_count++] = atof(argv[++i]);
@@ -432,11 +480,12 @@ int main(int argc, char **argv) {
            "squared error |\n    smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck |\n"
            "    seconds of CPU | noise of the true picture, kinds of light; errors in %%\n");
     for (i = 0; i < count; i++) {
-        room *r = room_make(seeds[i]);
+        room *r = room_make(seeds[i], shines);
         if (i == 0) {  /* compiles shaders */
-            r->made.view.target_error = 0.5f;
-            ok = sbl_set_scene(context, &r->made.scene) == SBL_SUCCESS &&
-                 sbl_render_picture(context, &r->made.view) == SBL_SUCCESS;
+            r->made->view.target_error = 0.5f;
+            ok = sbl_set_scene(context, &r->made->scene) == SBL_SUCCESS &&
+                 sbl_render_picture(context, &r->made->view) == SBL_SUCCESS;
+            r->made->view.target_error = 0;
         }
         for (k = 0; k < target_count && ok; k++) {
             rows[row_count].seed = seeds[i];
