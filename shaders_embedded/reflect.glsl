@@ -25,7 +25,8 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
     bool is_gloss = !hit_shines && m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET;
     for (int once = 0; once < (is_gloss ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
-        vec3 across = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
+        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
+        vec3 across = cross(side_1, side_2);
         float sizes = length(across) * length(direction);
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
         vec3 share = sbl_fresnel(m.reflectance, cosine);

@@ -30,8 +30,8 @@
 #include "bench_gloss_rooms.h"
 #include "bench_gloss_truth.h"
 
-enum { VERSION = 2, GLOSS_VERSION = 1, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
-       GLOSS_SAMPLES = 1024, ROOMS_MOST = 256,
+enum { VERSION = 2, GLOSS_VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
+       GLOSS_SAMPLES = 512, ROOMS_MOST = 256,
        NOISE_MOST = 4 };  /* largest allowed ratio of the noise of a true picture to the true error of R */
 
 typedef struct picture { float rgb[3 * PIXELS]; } picture;

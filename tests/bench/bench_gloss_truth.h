@@ -267,7 +267,7 @@ static double gloss_met(const gloss_tracer *g, const gloss_path *p, int lamp, v3
 
 /* Chooses how the path goes on and sets its direction. Returns 0 if it ends. */
 static int gloss_go_on(const gloss_tracer *g, const gloss_surface *s, gloss_path *p, v3 *from, v3 *d) {
-    const double choice = gloss_number(p);
+    const double choice = gloss_number(p), lobe = s->f0 < 0 ? 0 : 1 - s->through - s->diffuse;
     gloss_turn *turn = &p->turn;
     double u[4];
     int k;
@@ -277,9 +277,10 @@ static int gloss_go_on(const gloss_tracer *g, const gloss_surface *s, gloss_path
         for (k = 0; k < 3; k++) p->share[k] *= s->clear[k] / s->through;
         return 1;
     }
+    if (choice >= s->through + s->diffuse && !(lobe > 0)) return 0;  /* a black surface, such as a lamp */
     if (choice >= s->through + s->diffuse && s->alpha <= 0) {
         *d = gloss_mirrored(s->v, s->n);
-        for (k = 0; k < 3; k++) p->share[k] *= gloss_mirrors(s, k) / (1 - s->through - s->diffuse);
+        for (k = 0; k < 3; k++) p->share[k] *= gloss_mirrors(s, k) / lobe;
         p->mirrors++;
         for (k = g->mirror_count - 1; k >= 0 && g->mirrors[k].mesh != s->at.mesh; k--) {}
         p->mirror = k;
