@@ -2899,7 +2899,8 @@ typedef struct sbl__record {
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
-#define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes a triangle's index n as two floats: n % this (+ 1), n / this */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes triangle index n as two floats: 1 + n % this, negative for the
+                                      back of the triangle; n / this */
 #define SBL__CAST_LAYERS 16        /* cast.glsl writes the layers a and b of two lights as the number a + this * b */
 #define SBL__GUIDE_BANDS 16        /* bands of a guide's histogram, see >>guide */
 #define SBL__GUIDE_SECTORS 32      /* sectors of each band */
@@ -5421,11 +5422,11 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lobe[] = {
 "// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and\n",
-"// Schlick's Fresnel term (1994). reflectance: fraction of light that is reflected along the normal, per colour.\n",
+"// Schlick's Fresnel term (1994). reflectance: fraction of light reflected at normal incidence, per colour.\n",
 "// alpha: the squared roughness\n",
 "#ifdef SBL_SPECULAR\n",
-"const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
-"// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table\n",
+"const float SBL_DIFFUSE_LOST = 0.003685;  // cosine-weighted mean of sbl_diffuse_lost over the hemisphere\n",
+"// Cosine-weighted means of E and b (see sbl__lobe_albedos in sbl.h) over the hemisphere, one per row of the table\n",
 "const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,\n",
 "                                             0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
 "const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,\n",
@@ -5461,7 +5462,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return reflectance * (share.x - share.y) + share.y;\n",
 "}\n",
 "\n",
-"// Returns the albedo of a surface, averaged over all directions. opacity: coverage of the surface, 0 to 1\n",
+"// Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,\n",
+"// 0 to 1\n",
 "vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {\n",
 "    float y = sbl_lobe_row(roughness);\n",
 "    int row = min(int(y), SBL_LOBE_ROWS - 2);\n",
@@ -6256,8 +6258,10 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-/* Begins the top task of the stack: makes the next node a child of its parent, inserts a finer grid between them if the
-   node's box is small in the parent's grid, and empties the bins. Returns SBL__BVH_COSTS if the stack is empty. */
+/* Begins the top task of the stack: makes the next node a child of its parent, and empties the bins. If the node's box
+   is small in the parent's grid, the node has at least SBL__BVH_GRID_LEAST triangles and its depth is below
+   SBL__BVH_SAH_DEPTH, inserts a finer grid between node and parent. Returns SBL__BVH_COSTS if the stack is empty,
+   otherwise SBL__BVH_COUNT. */
 static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6475,7 +6479,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
 "const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
-"const float SBL_PASSED = 0.9999;     // skips boxes that a ray leaves before this * sbl_Ray.after\n",
+"const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after\n",
 "const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last\n",
 "                                     // place (Ize 2013, \"Robust BVH Ray Traversal\")\n",
 "const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error\n",
@@ -7764,7 +7768,7 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++) {
         sbl_material m = materials[s->geometry.meshes[i].material];
-        if (s->draw) m = sbl__material_matte(&m);  /* the host writes no lobes into the G-buffers that it draws to */
+        if (s->draw) m = sbl__material_matte(&m);  /* G-buffers drawn by the draw callback have no lobes */
         s->features |= sbl__material_write(&s->textures, &m, &s->geometry.objects[i], &s->brightest);
     }
 }
@@ -8173,7 +8177,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "// Returns barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule\n",
-"// (Moeller and Trumbore 1997). z: 0 if the ray does not meet the plane\n",
+"// (Moeller and Trumbore 1997). z: 0 if the ray is parallel to the plane, otherwise 1, also if the plane is behind\n",
 "vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
@@ -8364,7 +8368,7 @@ static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const 
     return result == SBL_SUCCESS ? sbl__glow_cubes(w, &sides[1], from, high) : result;
 }
 
-/* Makes the glows of a side of a triangle in one cell. */
+/* Makes the glows of the front or back of triangle w->index (w->patch tells which) in one cell. */
 static sbl_result sbl__glow_cell(sbl__glowing *w, const sbl__bright_cell *cell) {
     const sbl__scene *s = w->scene;
     const sbl__geometry *g = &s->geometry;
@@ -9426,8 +9430,9 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
     }
 }
 
-/* Computes position i of a sequence that is even over the square's rectangle, in x, and in y (see sbl__r2). Returns the
-   triangle there and the position's barycentric weights, or SBL__NONE if no triangle contains the position. */
+/* Computes position i of a sequence that covers the rectangle of a texel's square evenly, also if only x or only y is
+   considered (see sbl__r2). Returns the triangle there and the position's barycentric weights, or SBL__NONE if no
+   triangle contains the position. */
 static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
     double u[2], at[2];
     int k, n;
@@ -9597,8 +9602,8 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
-/* Gets view_to_clip for drawing the G-buffer, with the top row first and with reversed depth. It moves the sample at
-   `offset` (in pixels) to the pixel's centre. */
+/* Gets the view_to_clip matrix for drawing the G-buffer, with the top row first and with reversed depth. The matrix
+   moves the sample at `offset` (from the pixel's centre, in pixels, y down) to the pixel's centre. */
 static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const sbl__target *t, float out[16]) {
     const float *m = c->view_to_clip;
     int k;
@@ -11528,9 +11533,10 @@ static const char *const sbl__glsl_lamps[] = {
 "int used, certain;           // number of entries at the array's start; number of point lights at its end\n",
 "float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
 "float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries\n",
-"mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
-"                             // except texels and the `certain` point lights. Each facing has its own ratio seen /\n",
-"                             // open, because one side of a closed mesh hides the other\n",
+"mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that\n",
+"                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
+"                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
+"                             // the other\n",
 "bool rounded = false;        // true: some of the considered lamps are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light\n",
 "#ifdef SBL_GROUPS\n",
@@ -11571,7 +11577,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns true if sbl_unhindered is a closed form.\n",
+"// Returns true if sbl_unhindered(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.\n",
 "bool sbl_has_closed_form(sbl_Lamp l) {\n",
 "#ifdef SBL_LOBE\n",
 "    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;\n",
@@ -11806,7 +11812,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
-"        // n / n exceeds 1 on NVIDIA; without min, the variance would be negative, which means SBL_LOST\n",
+"        // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        float rays_counted = samples[g];\n",
 "#ifdef SBL_LOBE\n",
@@ -13077,8 +13083,8 @@ typedef struct sbl__job {
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
     sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
-    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless the spec is `lobe` */
-    int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
+    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is set */
+    int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
@@ -13884,8 +13890,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__BOUNCE_AFAR 8.0       /* a leaf's points beyond BOUNCE_POINTS lie only where rays longer than this many
-                                      cells hit; shorter rays, as in a lamp's bowl, hit the brightest part of a leaf */
+#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
+                                      the length of a level-0 cell add points; shorter rays, as inside a lamp's
+                                      bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
@@ -14095,8 +14102,8 @@ static const char *const sbl__glsl_cast[] = {
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
 "SBL_OUT(2, out_shine);\n",
 "#ifdef SBL_GROUPS\n",
-"// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer\n",
-"// of the other part, which comes from a lamp\n",
+"// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *\n",
+"// layer of the rest, which comes from a lamp\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
 "vec4 parts;\n",
@@ -14269,8 +14276,8 @@ static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3],
     }
 }
 
-/* Casts some of the rays stages.at to count - 1. Returns SBL_UNFINISHED until all are cast, then SBL_SUCCESS. make:
-   computes a ray from its index. hits: receives the hit of each ray at the ray's index */
+/* Casts rays number stages.at to count - 1, as many as one piece of work allows. Returns SBL_UNFINISHED until all are
+   cast, then SBL_SUCCESS. make: computes the ray `number`. hits: receives the hit of each ray at the ray's number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -17248,7 +17255,8 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     return light * light;
 }
 
-/* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give a pixel too little weight. */
+/* Adds the pixels in row y of the range to the tile's sums: pixels, weight2, foreseen_bias2 and uncovered. Sets
+   c->must_split if the corners give one of these pixels too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
@@ -17412,7 +17420,8 @@ static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int lo
     out->first = i % r->spec->looks;
 }
 
-/* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one site per look. */
+/* Lists sites for the looks that a pixel's sensor has yet to take: one site for all of them or, for a texel with
+   places, one site per look. */
 static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     const sbl__sensor *s = sbl__sensor_of(r, p);
     const int index = (int)(p - r->pixels), looks = s->wanted - s->looks, at_once = s->places ? 1 : looks;
@@ -18075,7 +18084,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     if (r->least_worth < sbl__bin_worth(SBL__GAIN_BINS - 1)) r->price_paid = r->least_worth;
 }
 
-/* Sets `pixels`, `uncovered` and `must_split` of new tiles, row by row. */
+/* Computes the sums of new tiles and `must_split`, row by row, see sbl__tile_count. */
 static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *at = &r->stages.at;
@@ -20689,8 +20698,8 @@ static const sbl__front_end sbl__picture_front_end = {
 };
 
 /* ======================================================================================================== >>lightmap
-   The front end that bakes lightmaps: a radiance map of an atlas, then for each layer of light the mean over
-   supersampled texels, gutters and seams. */
+   The front end that bakes lightmaps: makes a radiance map of an atlas; then, for each layer of light, averages the
+   supersampled texels, fills the gutters and evens out the seams. */
 
 enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_SEAMS, SBL__LIGHTMAP_SEND,
        SBL__LIGHTMAP_SHARES, SBL__LIGHTMAP_GROUPS, SBL__LIGHTMAP_DONE };
@@ -21361,9 +21370,10 @@ typedef struct sbl__vertices {
     float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if no point
                                    does */
     int groups, layer;          /* number of requested light groups; layer that is being solved, 0: R */
-    float *found_layers;        /* the layers of the readings */
-    float *layer_sums;          /* per triangle: rgb of the right-hand side for each corner, for each light group; then
-                                   the same over the points that see mostly back faces; NULL without light groups */
+    float *found_layers;        /* layers of the job's readings, site after site; NULL without light groups */
+    float *layer_sums;          /* per triangle: for each light group, rgb of the right-hand side of the linear system
+                                   for each corner; then the same sums over only those points that see mostly back
+                                   faces. NULL without light groups */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
     sbl__solver solver;         /* with desc.average, nothing is solved: diagonal holds sums of weights, and residual

@@ -205,7 +205,7 @@ static int needs_no_light(sbl_channel channel) {
     return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && !given[INSPECT] && !given[STORE];
 }
 
-/* Notes the options that have no effect on this picture. */
+/* Collects the given options that have no effect on this picture; tool_scene.h warns of them later. */
 static void note_effects(void) {
     const sbl_channel channel = channels[options.channel];
     const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_DISPLAY ||

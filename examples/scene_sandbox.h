@@ -35,7 +35,7 @@ static int scene__enter_landlock(const scene__folders *folders) {
     if (version < 1) return 0;
     if (version >= 2) set.files |= 1 << 13;  /* forbids renaming and linking across folders */
     if (version >= 3) set.files |= 1 << 14;  /* forbids truncation */
-    if (version >= 4) set.net = 3;           /* forbids bind and connect */
+    if (version >= 4) set.net = 3;           /* forbids bind and connect of TCP sockets */
     if (version >= 5) set.files |= 1 << 15;  /* forbids ioctl on devices */
     if (version >= 6) set.scopes = 3;        /* forbids abstract sockets, and signals to other processes */
     ruleset = (int)syscall(SCENE__LANDLOCK_CREATE, &set, sizeof set, 0);

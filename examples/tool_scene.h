@@ -562,7 +562,7 @@ static int load_store(tool_task *task, const int *given) {
     if (result != SBL_SUCCESS && said->store_item != SBL_LOG_ITEM_OTHER_STORE) return fail_with(said, name, result);
     if (task->makes_store) {
         if (!given[QUIET]) tell("--store %s: %s; new light will replace it", name, said->store);
-        /* setting the scene again discards loaded light that is not used */
+        /* the loaded light will not be used; setting the scene again discards it */
         return result == SBL_SUCCESS ? set_scene(task) : DONE;
     }
     if (result != SBL_SUCCESS)

@@ -9,8 +9,8 @@ SBL_OUT(1, out_albedo);
 // rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal
 SBL_OUT(2, out_shine);
 #ifdef SBL_GROUPS
-// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer
-// of the other part, which comes from a lamp
+// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *
+// layer of the rest, which comes from a lamp
 SBL_OUT(3, out_parts);
 #endif
 vec4 parts;

@@ -124,9 +124,10 @@ float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of
 int used, certain;           // number of entries at the array's start; number of point lights at its end
 float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths
 float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries
-mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
-                             // except texels and the `certain` point lights. Each facing has its own ratio seen /
-                             // open, because one side of a closed mesh hides the other
+mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that
+                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.
+                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides
+                             // the other
 bool rounded = false;        // true: some of the considered lamps are not triangles
 mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light
 #ifdef SBL_GROUPS
@@ -167,7 +168,7 @@ float sbl_cosine_factor(vec3 direction) {
 }
 #endif
 
-// Returns true if sbl_unhindered is a closed form.
+// Returns true if sbl_unhindered(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.
 bool sbl_has_closed_form(sbl_Lamp l) {
 #ifdef SBL_LOBE
     return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;
@@ -402,7 +403,7 @@ sbl_Result sbl_combine() {
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
-        // n / n exceeds 1 on NVIDIA; without min, the variance would be negative, which means SBL_LOST
+        // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
 #ifdef SBL_LOBE

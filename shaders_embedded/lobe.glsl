@@ -1,9 +1,9 @@
 // The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and
-// Schlick's Fresnel term (1994). reflectance: fraction of light that is reflected along the normal, per colour.
+// Schlick's Fresnel term (1994). reflectance: fraction of light reflected at normal incidence, per colour.
 // alpha: the squared roughness
 #ifdef SBL_SPECULAR
-const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
-// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table
+const float SBL_DIFFUSE_LOST = 0.003685;  // cosine-weighted mean of sbl_diffuse_lost over the hemisphere
+// Cosine-weighted means of E and b (see sbl__lobe_albedos in sbl.h) over the hemisphere, one per row of the table
 const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,
                                              0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
 const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,
@@ -39,7 +39,8 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     return reflectance * (share.x - share.y) + share.y;
 }
 
-// Returns the albedo of a surface, averaged over all directions. opacity: coverage of the surface, 0 to 1
+// Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,
+// 0 to 1
 vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {
     float y = sbl_lobe_row(roughness);
     int row = min(int(y), SBL_LOBE_ROWS - 2);

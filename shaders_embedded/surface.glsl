@@ -140,7 +140,7 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
 }
 
 // Returns barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule
-// (Moeller and Trumbore 1997). z: 0 if the ray does not meet the plane
+// (Moeller and Trumbore 1997). z: 0 if the ray is parallel to the plane, otherwise 1, also if the plane is behind
 vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
     vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
     float determinant = dot(f.s1, h);

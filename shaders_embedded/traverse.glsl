@@ -4,7 +4,7 @@ uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
 const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one
-const float SBL_PASSED = 0.9999;     // skips boxes that a ray leaves before this * sbl_Ray.after
+const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after
 const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last
                                      // place (Ize 2013, "Robust BVH Ray Traversal")
 const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error

@@ -1036,9 +1036,9 @@ TEST(near_hits_find_their_own_light) {
     scene_free(&s);
 }
 
-/* Returns R that lamps of these kinds give the ground at x, z. The shadow of the sun ends at x = shade. */
 enum { NEAR_SUN, NEAR_POINT, NEAR_SPOT, NEAR_TRIANGLES, NEAR_SUN_AND_SPOT, NEAR_LAMPS };
 
+/* Returns R of the ground at (x, z) in the light of a lamp of this kind. The shadow of the sun ends at x = shade. */
 static double ground_by(int lamp, double x, double z, double shade) {
     const double away2 = (x - 0.15) * (x - 0.15) + 0.04 + z * z, cosine = 0.2 / sqrt(away2);
     const double limit = cos(TEST_PI / 6), spot = cosine > limit ? (cosine - limit) / (1 - limit) : 0;
@@ -1366,7 +1366,9 @@ static size_t saved_get(void *data, size_t bytes, void *user) {
     return bytes;
 }
 
-/* In a furnace, a drawn cube that emits what it does not reflect looks like the walls, so R stays 1. */
+/* In a furnace, where R is 1 everywhere, the draw callback draws a cube that emits what it does not reflect. The cube
+   then looks like the walls, so that R stays 1. Below a sun, the callback is told the light that reaches the sides of
+   the cube. A saved store includes this light, and is refused if the geometry is drawn elsewhere. */
 TEST(drawn_things_are_told_their_light) {
     test_scene s = { 0 };
     sbl_scene_desc scene;
@@ -1420,9 +1422,7 @@ TEST(drawn_things_are_told_their_light) {
           "the side that faces down receives %g",
           (double)drawn.light[3][0]);
     {
-        const float before =
-            /* a saved store includes this light; a store with geometry drawn elsewhere is refused */
-            drawn.light[2][2];
+        const float before = drawn.light[2][2];
         REQUIRE(
             sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
                 sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64),

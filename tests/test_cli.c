@@ -1369,7 +1369,7 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
-/* Lights of a COLLADA file have their closed forms; ambient lights are ignored. */
+/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. */
 TEST(lights_of_other_formats) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"

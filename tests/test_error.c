@@ -21,7 +21,7 @@ typedef struct known {
     double sky;
     double blocker[4], height, lamp_height;  /* occluding rectangle above the floor: x0, z0, x1, z1 */
     double view_below;            /* surfaces above this height are ignored; 0: none are */
-    int lamp;                     /* mesh of the lamp whose light the ray caster finds; 0: none */
+    int lamp;                     /* index of the mesh of a lamp whose light the ray caster computes; 0: closed forms */
     int levels;                   /* number of target errors to test */
     double within;                /* least share of pixels that are within twice their predicted error */
     /* largest error of dark pixels, relative to their own light, with the smallest target error; 0: any */
@@ -284,8 +284,9 @@ static void plates(known *k) {
     k->view.filter_radius = -1;
 }
 
-/* Most rays hit plates so near that they continue from there. If the looks of a sensor continued in the same
-   directions, more looks would not reduce the error. The truth is a single look of 4096 rays. */
+/* Most rays hit plates so near that they are reflected there and traced further, instead of reading the store. If all
+   looks of a sensor reflected rays in the same directions, more looks would not reduce the error. The reference is a
+   picture with a single look of 4096 rays per sensor. */
 TEST(of_looks_between_near_plates) {
     static known k;
     int i;
@@ -426,9 +427,9 @@ TEST(of_sensors_beside_the_store) {
     }
 }
 
-/* If the target cannot be reached, a round does not make purchases that hardly help: the remaining error is at most a
-   tenth above the error after all purchases. If the target can be reached, a round aims at three fifths of the current
-   error. */
+/* If the target cannot be reached, a round does not make purchases that hardly help: the remaining squared error is at
+   most a tenth above the squared error after all purchases. If the target can be reached, a round aims at three fifths
+   of the current squared error. */
 TEST(of_pixels_that_cannot_improve) {
     static const double hopeless[3] = { 0.3, 0.05, 0.02 }, hopeful[3] = { 0.3, 0.2, 0.45 };
     CHECK(fabs(inside_bought(0.01f, 1, hopeless) - 0.35) < 1e-9, "%g is bought of 0.37",

@@ -582,8 +582,8 @@ static sbl_picture_desc other_view(void) {
     return view;
 }
 
-/* Renders with two contexts made from desc, first one after the other, then with alternating steps. The pictures must
-   be the same. */
+/* Renders two scenes, each in a context of its own made from desc: first one after the other, then in alternating
+   steps. Each scene must give the same picture both times. */
 static void side_by_side(const sbl_context_desc *desc, const char *where) {
     static small_picture alone[2], together[2];
     static test_scene first;

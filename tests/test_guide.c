@@ -104,7 +104,7 @@ TEST(densities_follow_roots) {
     }
 }
 
-/* >>rays */
+/* >>rays: inspected rays compared with the hole */
 
 static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double at[2]) {
     const double t = ((double)lid - s->position[1]) / ray->direction[1];

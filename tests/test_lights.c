@@ -493,9 +493,10 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
     }
 }
 
-/* With one look per sensor and no filter, errors stay within 1.2 % RMS and jumps of 4 %. */
+/* An opaque edge moves across a lamp in steps. With one look per sensor and no filter, the RMS error is at most 1.2 %
+   of the unoccluded light, and the error of a pixel changes by at most 4 % from one step to the next. */
 TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
-/* With default settings, half covered lamps are within 0.16 % RMS and jumps of 1.45 %. */
+/* With default settings, the RMS error is at most 0.16 %, and a step changes the error by at most 1.45 %. */
 TEST(half_covered_default_settings) {
     half_covered(SBL_BACKEND_AUTO, 0, test_kind_is("plain") ? 20 : 10, 0.0016, 0.0145);
 }
@@ -520,7 +521,7 @@ TEST(half_covered_noise_is_known) {
     }
 }
 
-/* With rasterised sensors, errors also stay within 1.2 % RMS and jumps of 4 %. */
+/* With rasterised sensors, the RMS error is also at most 1.2 %, and a step changes the error by at most 4 %. */
 TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
 
 /* >>textures */

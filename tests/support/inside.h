@@ -50,9 +50,9 @@ inside_weight inside_weigh_corners(int strips, float light);
    and noise; store: uncertainty of stored light */
 int inside_is_exact(float target, double sensors, double store);
 
-/* A round of refinement can buy three things, and takes the most worthwhile first. Returns the sum of the gains that it
-   buys. error2: sum of the squared errors of 100 pixels; target: the target error; gains: by how much each thing
-   reduces error2 */
+/* Offers a round of refinement three purchases, in order of falling worth. Returns the sum of the gains of those that
+   the round buys. It stops as soon as the error is low enough for one round, see sbl__weigh_price. error2: sum of the
+   squared errors of 100 pixels; target: the target error; gains: by how much each purchase reduces error2 */
 double inside_bought(float target, double error2, const double gains[3]);
 
 #endif
