@@ -456,7 +456,7 @@ enum { CUBEMAPS_MAX = 10000 };  /* greatest number of cube maps */
 
 /* ---- dividing the work into parts ---- */
 
-static bake_facts facts;  /* the facts of this part; without --part, the range covers everything */
+static bake_facts facts;  /* identify scene, options and range of this part; without --part, the range is all */
 
 /* Sets the range to `count` of `total` probes or meshes, starting at the index `first`. */
 static void set_range(int first, int count, int total) {

@@ -773,8 +773,8 @@ static int render_shot(shot *s, double *seconds) {
     return status;
 }
 
-/* If all frames share one exposure, finds it in a small picture of frame 1, whose camera must be placed. Returns the
-   exit status. */
+/* If all frames share one exposure, finds it with a small picture of frame 1. The caller has placed the camera of frame
+   1. Returns the exit status. */
 static int expose_frames(shot *s) {
     int status;
     begin_shot(s);

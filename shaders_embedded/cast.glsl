@@ -59,7 +59,7 @@ void main() {
     sbl_Material material;
     if (limit < 0.0 && hit.triangle >= 0) {
         material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
-        hit_shines = sbl_shines(material);
+        hit_shines = sbl_shines(material, material.reflectance);
     }
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);

@@ -39,9 +39,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
-const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is followed by way of at most this many surfaces with
-const float SBL_ASIDE_ROUGH = 0.5;      // a lower roughness than this
-const float SBL_ASIDE_SHINY = 0.2;      // and a larger reflectance than this
+const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
+const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
@@ -122,9 +121,7 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
 
 // Returns the ray with which the ray `aside` continues at metal. Its weight is 0 if the ray ends.
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
-    vec3 reflectance = s.material.reflectance;
-    bool shines = s.material.roughness >= 0.0 && s.material.roughness < SBL_ASIDE_ROUGH &&
-                  max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_ASIDE_SHINY;
+    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH;
     vec3 share = shines ? sbl_lobe_reflected(s.material, -dot(s.normal, ray.direction), ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
     if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);

@@ -145,9 +145,10 @@ void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
 #define sbl_add_layers(sums, l, light)
 #endif
 
-// Returns R / unit from an unobstructed lamp. With SBL_LOBE, returns the mean radiance / unit that the lobe
-// receives from the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise a rough
-// estimate, above 0. For a perfect mirror, returns 0, because the mirror's rays find the lamps.
+// Returns the R (divided by `unit`) that an unobstructed lamp causes at the sensor. With SBL_LOBE, returns the
+// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form of the
+// cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns 0, because
+// the mirror's rays find the lamps.
 vec3 sbl_expected(sbl_Lamp l) {
     vec3 light = sbl_unhindered(l);
 #ifdef SBL_LOBE

@@ -2,26 +2,20 @@
 // traces them at near hits and at metal, cast.glsl at metal.
 
 #ifdef SBL_SPECULAR
-// At a surface of larger reflectance, the path continues in a direction sampled from the surface's lobe.
-const float SBL_SHINY = 0.2;
-// Such a surface gets at least the roughness SBL_BLURRED. For rays of a look's lobe (SBL_LOBE), the minimum is
-// SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that arrives by way of mirrors;
-// otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
-// Holistic and Robust Light Transport").
+// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
+// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that
+// arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
+// "Path Space Regularization for Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
-bool hit_shines = false;     // true: the reflectance of the last hit exceeds SBL_SHINY
+bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_met); 0: ignore lamps that the ray hits
-
-bool sbl_shines(sbl_Material m) {
-    return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;
-}
 
 // Sets hit_shines for a hit, and the albedo of gloss to its value for the angle between ray and surface, because
 // gloss at a grazing angle shines like metal. direction: direction of the ray
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
-    hit_shines = sbl_shines(m);
+    hit_shines = sbl_shines(m, m.reflectance);
     bool is_gloss = !hit_shines && m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET;
     for (int once = 0; once < (is_gloss ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
@@ -30,7 +24,7 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
         float sizes = length(across) * length(direction);
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
         vec3 share = sbl_fresnel(m.reflectance, cosine);
-        hit_shines = max(share.r, max(share.g, share.b)) > SBL_SHINY;
+        hit_shines = sbl_shines(m, share);
         m.albedo = sbl_diffuse_albedo(m, cosine) + sbl_lobe_reflected(m, cosine, vec3(1));
     }
 }

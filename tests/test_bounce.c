@@ -88,7 +88,7 @@ static sbl_readings_desc readings_of(sbl_mode mode, sbl_backend backend) {
     return desc;
 }
 
-/* Measures R at all sites. Returns 0 on failure. */
+/* Measures R at the sites that add_site has made, and stores it in `readings`. Returns 0 on failure. */
 static int gather(sbl_mode mode, sbl_backend backend, int rays) {
     sbl_readings_desc desc = readings_of(mode, backend);
     sbl_result result;

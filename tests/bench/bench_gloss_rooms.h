@@ -300,14 +300,19 @@ static void gloss_glass_table(gloss_room *r, double x, double z, double steel) {
     gloss_smooth(r);
 }
 
+/* Makes a floor of the current material, and a white ceiling, which is the current material afterwards. */
+static void gloss_floor_and_ceiling(gloss_room *r, double w, double h, double d) {
+    gloss_plate(r, 1, 0, 0, 0, d, w);
+    gloss_matte(r, 0.82, 0.82, 0.8);
+    gloss_plate(r, 1, h, 0, 0, d, w);
+}
+
 static void gloss_living_room(gloss_room *r) {
     const double w = gloss_between(r, 4.2, 5.2), h = 2.6, d = gloss_between(r, 3.8, 4.8);
     const double x = w * gloss_between(r, 0.42, 0.55), z = d * gloss_between(r, 0.38, 0.48);
     const double steel = gloss_between(r, 0.2, 0.3);
     gloss_coat(r, 0.32, 0.19, 0.1, gloss_between(r, 0.15, 0.3));  /* a polished floor */
-    gloss_plate(r, 1, 0, 0, 0, d, w);
-    gloss_matte(r, 0.82, 0.82, 0.8);
-    gloss_plate(r, 1, h, 0, 0, d, w);
+    gloss_floor_and_ceiling(r, w, h, d);
     gloss_matte(r, 0.7, 0.68, 0.6);
     gloss_plate(r, 2, 0, 0, 0, w, h);
     gloss_plate(r, 0, w, 0, 0, h, d);
@@ -369,9 +374,7 @@ static void gloss_kitchen(gloss_room *r) {
     const double brushed = gloss_between(r, 0.35, 0.5), at = w * gloss_between(r, 0.4, 0.6);
     int i;
     gloss_coat(r, 0.5, 0.48, 0.45, gloss_between(r, 0.3, 0.5));
-    gloss_plate(r, 1, 0, 0, 0, d, w);
-    gloss_matte(r, 0.82, 0.82, 0.8);
-    gloss_plate(r, 1, h, 0, 0, d, w);
+    gloss_floor_and_ceiling(r, w, h, d);
     gloss_matte(r, 0.75, 0.7, 0.5);
     gloss_plate(r, 0, 0, 0, 0, h, d);
     gloss_plate(r, 0, w, 0, 0, h, d);
