@@ -2874,7 +2874,8 @@ typedef struct sbl__record {
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of a texture's kind; a kind of 0 means that the texture does not exist */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: texture coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: top bits of a reference, see sbl__node; LEAVE, END: in ray stacks */
+#define SBL__LEAF 0x80000000u      /* LEAF and ENTER are the top bits of references, see sbl__node; LEAVE and END occur
+                                      only in the stacks of rays, see traverse.glsl */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2898,12 +2899,13 @@ typedef struct sbl__record {
 #define SBL__CELL_DEPTH 8          /* maximum number of cuts between a cell and a leaf */
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
-#define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
+#define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell of this level / area of a cell
+                                                                         of level 0 */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes triangle index n as two floats: 1 + n % this, negative for the
                                       back of the triangle; n / this */
 #define SBL__CAST_LAYERS 16        /* cast.glsl writes the layers a and b of two lights as the number a + this * b */
 #define SBL__GUIDE_BANDS 16        /* bands of a guide's histogram, see >>guide */
-#define SBL__GUIDE_SECTORS 32      /* sectors of each band */
+#define SBL__GUIDE_SECTORS 32      /* sectors of each band of a guide's histogram */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
@@ -2926,8 +2928,8 @@ typedef struct sbl__record {
                                           multiply the store's R by the unlimited albedo of the surface that they see */
 #define SBL__SKY_LEAST 1e-37f          /* lower limit of the sky's radiance where it is a divisor */
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
-#define SBL__NORMAL_LEAST 1e-12        /* at most this squared length: the face normal replaces an interpolated
-                                          normal */
+#define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
+                                          most this */
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
                                           viewer or, at sites of >>vertices, the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
@@ -6009,7 +6011,8 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if each side of its box is shorter than this many steps
                                     of the outer grid */
 #define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles in a node that gets its own grid */
-#define SBL__BVH_CHUNK 32        /* triangles per iteration of a loop; makes the loop's overhead negligible */
+#define SBL__BVH_CHUNK 32        /* an iteration of a stage handles this many triangles, which makes the cost of the
+                                    iteration itself negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
 /* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index of a node, or SBL__LEAF |
@@ -7269,11 +7272,12 @@ typedef struct sbl__store {
                                   scene has no light groups */
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
-    int max_leaves;
+    int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
     float brightest;           /* largest channel of R in any leaf; set by sbl__store_send */
-    float air[6][3];           /* mean R of surfaces that face +x, -x, +y, -y, +z, -z; for geometry of the host */
+    float air[6][3];           /* mean R in the air, on surfaces that face +x, -x, +y, -y, +z, -z; it lights geometry
+                                  that the host draws */
     sbl__table table;          /* patches, cells, cuts and leaves; one table, because texture units are few */
     int first_cell, first_cut, first_leaf, first_layer;  /* first texel of each part of the table */
 } sbl__store;
@@ -9481,8 +9485,8 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_LOBE, SBL__GBUFFER_COUNT };
 
-/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; later work needs fewer. A picture with
-   materials that are not matte also has LOBES, and refinement reads LOBE. */
+/* Sets of textures of a G-buffer, as bits. ALL: the set that refinement reads; SAMPLE and TEXEL: the sets that later
+   work reads. A picture with materials that are not matte also has the textures LOBES. */
 #define SBL__GBUFFER_LOBES (1 << SBL__GBUFFER_SPECULAR | 1 << SBL__GBUFFER_LOBE)
 #define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_SPECULAR) - 1)
 #define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* textures that >>resolve
@@ -13865,7 +13869,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
                                       by reflecting leaves is less, small triangles get surface samples */
-#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
 #define SBL__FILL_BLACK 0.25       /* last attempt, after the size of cells is found: maximum fill by leaves on black
@@ -13873,17 +13877,18 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* lower limit of patching.growth, or the
-                                                                              reflecting fraction of the area if less;
-                                                                              widest cells are then as wide as level 0
-                                                                              at growth 1 */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
+                                                                              least reflecting / area if that is less.
+                                                                              Cells of the widest level are then as long
+                                                                              as level-0 cells with growth 1 */
 #define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
-#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell hit a larger fraction of the points, cells shrink
-                                      even if smaller cells did not double the number of leaves that rays hit */
+#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
+                                      cells shrink even if the last shrinking did not double the number of leaves that
+                                      rays hit */
 #define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
                                       which no leaf is left stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* smallest mean number of positions of surface samples per cell area at the
-                                          level sbl__store.unseen_level, except on black surfaces */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* surfaces that are not black get, on average, at least this many positions of
+                                          surface samples per area of a cell of the level sbl__store.unseen_level */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
                                          get cells of the widest level, otherwise of the level below it */
 #define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* at most about this many small triangles get surface samples */
@@ -13901,15 +13906,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
 #define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
-#define SBL__DIVIDE_HITS 8.0       /* minimum number of rays that hit a leaf that is divided */
+#define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
 #define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
                                       a larger relative standard error */
 #define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
                                       albedo * (standard deviation of the light in its region) / (root mean square of
                                       all light) */
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
-#define SBL__SCORES 512            /* number of classes of scores */
-#define SBL__SCORE_STEPS 4         /* classes per factor of two */
+#define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
+#define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* number of rays over the hemisphere that decide if a point needs a stuck test */
@@ -13921,10 +13926,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
-#define SBL__BOUNCE_SCALED 4       /* after each of this many first rounds of the iteration, all bounced light is
-                                      multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
+                                      is multiplied by one factor per channel, which speeds up convergence */
 #define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* maximum estimated fraction of all light that is missing when the iteration ends */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
+                                      this fraction of all light, or less */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
@@ -13933,11 +13939,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       hit one leaf */
 #define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
                                            errors of stored light in the rooms of examples/MEASUREMENTS.md */
-#define SBL__BOUNCE_TIME 0.35f     /* approximate fraction of the time of readings, vertices and probes for filling the
-                                      store; >>map predicts it for pictures */
-#define SBL__BOUNCE_CAST 0.5f      /* approximate fraction of the time of filling for rays between surfaces */
-#define SBL__BOUNCE_LIT 0.7f       /* approximate fraction of the time of filling until the light of lamps is measured
-                                      at all points; rounds of division take the rest */
+#define SBL__BOUNCE_TIME 0.35f     /* filling the store takes about this fraction of the time of readings, vertices and
+                                      probes; >>map predicts the fraction for pictures */
+#define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
+#define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps is
+                                      measured at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine positions */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
@@ -13988,9 +13994,9 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
    its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
-   points that existed when a cut last split the leaf (hits of later points have found the leaf as it is); 0: no cut has
-   split it since all hits were placed; read_end: 1 + index of the leaf's last read. Its first read follows the last
-   read of the leaf before it. */
+   points whose rays had been cast when a cut last split the leaf (hits of later points have found the leaf as it is);
+   0: no cut has split it since all hits were placed; read_end: 1 + index of the leaf's last read. Its first read
+   follows the last read of the leaf before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -14032,7 +14038,8 @@ typedef struct sbl__bounce {
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
     int glows;                       /* 1: a job measures the light of glows at all points, so that the points' rays
                                         skip bright leaves, and the light of bright leaves is fixed */
-    sbl__hits hits;                  /* hits of points' rays, SBL__BOUNCE_RAYS each; before that, of samples' rays */
+    sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
+                                        of points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
@@ -14050,7 +14057,8 @@ typedef struct sbl__bounce {
     sbl_reading *readings;
     int site_count;                  /* number of points in `sites`; not used by the last job */
     struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
-    int changed;                     /* number of leaves that this round of division has divided or that need points */
+    int changed;                     /* number of leaves that this round of division has divided, plus the number of
+                                        leaves that get further points */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat surface) that
                                                    have cut their cells; a bucket keeps the latest */
     int recheck;                     /* 1: a line has cut leaves with indices below cut_leaves, for which no hit waits
@@ -14064,15 +14072,17 @@ typedef struct sbl__bounce {
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
     int layer_round;                 /* number of rounds of the iteration that have computed layers */
-    struct { double direct, before, after; } layer_balance[3 * SBL_MAX_LIGHT_GROUPS];  /* like `balance`, per layer */
+    struct { double direct, before, after; } layer_balance[3 * SBL_MAX_LIGHT_GROUPS];  /* like `balance`, per channel of
+                                                                                          each layer */
     double change;                   /* balance.change of the previous round */
-    /* luminance of the radiance that rays find, summed over rays; its square, summed over rays that hit leaves; number
-       of rays; luminance of R, summed over points. Weighted by sbl__point_weight and the share of the point's leaf */
+    /* light, squares: sums, over the rays of all points, of the luminance of the radiance that a ray finds, and of its
+       square; rays: number of these rays; received: sum, over points, of the luminance of R of the point's leaf. All
+       are weighted by sbl__point_weight and by the share of the point's leaf. */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* smallest factor by which the cells' area must grow because no leaves are left.
-                                        0: the area need not grow, or it cannot, and hits without a leaf are dropped */
+    double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
+                                        a hit. 0: it need not grow, or it cannot, and hits without a leaf are dropped */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
     sbl__black black;                /* decides which leaves black surfaces get */
@@ -14241,7 +14251,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Decodes the output of cast.glsl. shine: NULL in scenes without metal */
+/* Makes a hit of the outputs of cast.glsl for one ray. shine: its third output, or NULL in scenes without metal */
 static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *shine,
                            sbl__hit *out) {
     const double low = fabs((double)position[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
@@ -14257,7 +14267,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float position[4], const 
     out->by_metal = shine && shine[3] > 0;
 }
 
-/* Returns the layers of a point's light, or of its shine. */
+/* Returns the layers of a point's `light` or, if `shine` is 1, of its `shine`: 3 floats per light group. */
 static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
     return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
 }
@@ -14534,9 +14544,10 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Makes a point of a queued hit if its leaf, which may be new, needs one. In an older leaf that contact rays have yet
-   to cut, the hit waits. Does nothing if the hit is on a black surface and these have all leaves that they may have. If
-   no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the hit. */
+/* Makes a point of a queued hit if its leaf, which may be new, needs one. If the leaf exists already, but contact rays
+   have yet to cut it, the hit waits. Does nothing if the hit is on a black surface and black surfaces have as many
+   leaves as they may have. If no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the
+   hit. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
@@ -14561,7 +14572,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
-    at->current = word == sbl__hit_word(s, at);  /* a leaf of a wider level may be replaced by one of this level */
+    at->current = word == sbl__hit_word(s, at);  /* 0 in a cell of a wider level: the hit's own cell may get a leaf */
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -14649,7 +14660,7 @@ static int sbl__bounce_after_place(void *work) {
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* The first leaves are too many already: their hits would need still more leaves. */
+        /* These leaves are too many already: the rays of their points would hit still more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -14986,7 +14997,8 @@ static int sbl__bounce_after_relocate(void *work) {
     return SBL__BOUNCE_SORT;
 }
 
-/* Sorts points and their hits by leaf. In another order, rounds of bounces take 3 to 6 times as long. */
+/* Sorts points, and the hits of their rays, by leaf. Without sorting, rounds of the iteration take 3 to 6 times as
+   long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -15078,8 +15090,8 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job at `count` sites. It measures light from lamps (SBL_MODE_DIRECT), only from glows if b->glows is 1, or
-   all light. */
+/* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, if b->glows is 1, only
+   from glows; SBL_MODE_GI: it measures all light */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -15208,7 +15220,8 @@ static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns 1 if the iteration reads the light of the leaf that a ray hits: the leaf's state `bright` is 0. */
+/* Returns 1 if the iteration reads the light of the leaf that a ray hits: the leaf's state `bright` is 0, or the ray
+   has come by way of metal. */
 static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
     return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
 }
@@ -15256,7 +15269,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
 
 #define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
 
-/* Adds SBL__BOUNCE_UNIT * (light that a point receives from leaves whose state `bright` is 0). */
+/* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -15276,8 +15289,8 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
                    b->points[point].shine[k];
 }
 
-/* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points receive. Earlier
-   leaves already have the new light of this round (Gauss-Seidel iteration). */
+/* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points' rays read.
+   Leaves of lower indices already have the new light of this round (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -15313,7 +15326,8 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
-/* Returns the stage after all light is known or, if `layers` is 0, after the layers are known, too. */
+/* Returns the stage that follows once the light of all leaves is known. layers: 1: the layers are not known yet, and
+   come first if the scene has light groups */
 static int sbl__bounce_next(const sbl__bounce *b, int layers) {
     if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
     return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
@@ -15670,12 +15684,13 @@ static int sbl__bounce_after_sort(void *work) {
                                       a point that sees them hits candidates; rays over the hemisphere find areas that
                                       fill more of the view, such as the gap above a lamp */
 #define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than this
-                                      * mean R^2: bounced light is smooth, or weak beside the light of lamps */
+                                      * (mean R)^2: bounced light is smooth, or weak beside the light of lamps */
 #define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this fraction of the rays' variance would remain.
                                       With 0.75, rooms with lamps in bowls and tubes were 2 to 7 % brighter and wrong:
                                       the points of such leaves lie where rays from nearby surfaces hit */
 
-/* A candidate for a bright leaf. light: its mean radiance, as rays have found it; hits: number of these rays */
+/* A leaf that may become bright. light: luminance of its radiance, mean over the rays that hit it; hits: number of
+   these rays. Both are weighted like the sums in sbl__bounce.found. */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
 /* Describes how much the candidates in a cell fill the view of the points that see them. hits: number of rays that hit
@@ -15925,7 +15940,7 @@ static int sbl__bounce_after_propagate(void *work) {
    relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the rays of a
    point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
    covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, which do
-   not read this cell. */
+   not read this cell, and for bright leaves, which rays skip. */
 static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                     const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
@@ -16056,7 +16071,8 @@ static void sbl__bounce_end(sbl__core *c) {
 }
 
 /* Returns the filling in progress, the data kept from a former filling, or a new filling; NULL: out of memory. If only
-   lights have changed since, keeps points and hits, and their light is computed again. */
+   lights have changed since, keeps points and hits, and their light is computed again; in scenes with metal, begins a
+   new filling instead. */
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     int i;
@@ -16484,8 +16500,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        o       o       o      o   *   o       o
 
    Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
-   mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; the only field
-   of sbl__refine that they read is expected_sure. */
+   mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; only
+   >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
@@ -16500,7 +16516,8 @@ typedef struct sbl__pixel {
 /* Data that few pixels have: the pixel's own light, from its sensor or from the store */
 typedef struct sbl__sensor {
     double variance;          /* variance of the luminance of one look, or of light from the store */
-    float radiance[3];        /* R, if `sensed`: mean of the looks, or from the store */
+    float radiance[3];        /* if `sensed` is 1: mean R of the looks, or R from the store; in a refinement of lobes,
+                                 the mean radiance in the lobe */
     int look;                 /* index of the sensor's first look among all looks of its job */
     int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
     int looks, wanted;        /* number of looks so far; number of looks at the end of the round */
@@ -16550,10 +16567,10 @@ typedef struct sbl__pixel_lobe {
                                            SBL__COVERAGE, too */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light that it
-                                           continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* lower limit of the error of extrapolated light / larger of sensor's R and
-                                           mean R */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
+                                           difference) of the light that it continues */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
+                                           R and the mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
                                            shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
@@ -16596,7 +16613,8 @@ typedef struct sbl__pixel_lobe {
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ adds this * the mean luminance to the light that it compares */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ multiplies the threshold by (the light + this * the picture's
+                                           luminance) */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
 #define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
@@ -16624,8 +16642,9 @@ typedef struct sbl__tile {
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
     float foreseen_bias2;     /* lower limit of bias2 in a refinement of lobes, see sbl__tile_foresee; otherwise 0 */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
-                                 left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean relative
-                                 squared error from noise, over all pixels */
+                                 left, which has a sensor; if must_split or a threshold decides, only foreseen_bias2.
+                                 noise2: mean relative squared error from noise, over all pixels. With `weight2`, both
+                                 are errors of FINAL */
     float light, variance;    /* mean luminance of usable corners; relative variance of one look, see sbl__tile_noise */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors; 0: not possible */
@@ -16693,8 +16712,9 @@ typedef struct sbl__refine {
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
-    double uncertainty2;      /* sum over pixels of the squared absolute uncertainty of stored light. With lobes, the
-                                 sum over all surfaces of sbl__pixel_lobe.rest squared */
+    double uncertainty2;      /* sum over pixels of the squared standard error that stored light causes in the luminance
+                                 of R or, if `shares` is set, of FINAL. In a refinement of lobes, sum over pixels of
+                                 sbl__pixel_lobe.rest squared */
     double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
     float mean_scale;         /* in a refinement of lobes: `mean` divided by the mean of the pixels. It differs from 1
                                  if the host has set the mean */
@@ -17110,8 +17130,8 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
     return NULL;
 }
 
-/* Returns the mean squared error of interpolation at the sensors on a tile's edges, minus their noise; 0: no
-   sensors. */
+/* Returns the mean, over the sensors on a tile's edges, of the squared error of interpolation, less 1.5 times the
+   variance that noise explains; 0: no sensors. */
 static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -17229,7 +17249,8 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
 }
 
 /* Returns the square of the picture's mean albedo. (Relative error of light) * (albedo with which a pixel shows it) /
-   (mean albedo) is the relative error of FINAL. Returns 1 if the light's mean includes its albedo. */
+   (mean albedo) is the relative error of FINAL. Returns 1 if r->shares is NULL: errors are then those of R or, in a
+   refinement of lobes, already relative to the mean of FINAL. */
 static float sbl__shown2(const sbl__refine *r) {
     const double mean = r->shares ? r->shown / SBL__MAX(r->shown_pixels, 1.0) : 1;
     return (float)SBL__MAX(mean * mean, 1e-12);
@@ -17459,7 +17480,8 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if a sensor is dark and sees back faces, unlike most lit sensors. */
+/* Returns 1 if a sensor seems to be inside a solid: it is dark and sees mostly back faces, unlike most lit sensors.
+   Returns 0 except in SBL_MODE_GI. */
 static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     const int dark = !(light > 0) || light * r->lit < SBL__HIDDEN_DARK * r->lit_light;
@@ -17503,7 +17525,7 @@ static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
-/* Makes a texel hidden whose places are dark: these are inside a solid, too. */
+/* Makes a texel hidden because its places are dark: they are inside a solid, too. */
 static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     s->invalid = 1;
@@ -17881,7 +17903,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     int *at = &r->stages.at;
     sbl_result result;
     if (!g->words) {
-        sbl__refine_free_sites(r);  /* they are many, and sensors take new ones */
+        sbl__refine_free_sites(r);  /* the scouts' sites are many, and later jobs list new ones */
         g->words = (uint32_t *)sbl__alloc(&r->core->base, (size_t)rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS,
                                           sizeof *g->words);
         if (!g->words) return SBL_ERROR_OUT_OF_MEMORY;
@@ -19970,9 +19992,10 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     return filling + (1 - r->expected_sure) * usual + r->expected_sure * demanded;
 }
 
-/* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse, 0.95 to
-   0.99 after refinement, 1 at the end. Progress never decreases, so a brief wrong estimate must not raise it too much:
-   while the elapsed time doubles, it grows to at most four times its value. */
+/* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
+   SBL__MAP_SHARE to 0.95 while reflections are measured, 0.95 to 0.99 after that, 1 at the end. Progress never
+   decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, it grows to at most
+   four times its value. */
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
@@ -20163,10 +20186,11 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
     f->measurement.options.backend = SBL_BACKEND_TRACE;
-    f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
+    f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* undoes a restart's
+                                                                                              reduction of looks */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
     f->measurement.every_ray = 1;
-    f->measurement.options.ray_length = 0;  /* it applies to rays over the hemisphere */
+    f->measurement.options.ray_length = 0;  /* the host's limit is only for rays over the hemisphere */
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
@@ -20198,7 +20222,7 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* per pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
+/* what sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
 /* Returns the standard error that stored light causes in the light of a lobe. The standard error of R is a mean over
@@ -20286,7 +20310,7 @@ static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     f->refine.mean_is_given = 1;
 }
 
-/* Gives the errors of FINAL to the map and frees the refinement. Corrects the error that R causes, because it was
+/* Gives the errors of FINAL to the map and frees the refinement. Corrects sbl_stats.picture.radiance_error, which was
    relative to an estimate of the mean of FINAL. */
 static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
@@ -21852,7 +21876,7 @@ static int sbl__vertices_after_next(void *work) {
     return SBL__VERTICES_SOLVE;
 }
 
-/* Makes the light groups of a vertex add up. */
+/* Scales the light groups of a vertex so that they add up to its R. */
 static sbl_result sbl__vertices_share(void *work, int vertex) {
     const sbl__vertices *s = (const sbl__vertices *)work;
     float *parts[SBL_MAX_LIGHT_GROUPS];
