@@ -2880,17 +2880,18 @@ typedef struct sbl__record {
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
 #define SBL__CHILD_NUMBER 0x0fffffffu
-#define SBL__LAMP_TRIANGLE 0u      /* kinds of lamps, see >>lamps */
+#define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
 #define SBL__LAMP_NEAR_LIGHT 1u
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_GLOW 4u
 #define SBL__LAMP_KIND_SHIFT 29
 #define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
-#define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
+#define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag: cell for rays shorter than 1 / NEAR_PART of a level-0 cell's length */
+#define SBL__PATCH_NEAR 16u        /* flag of a patch word: the cell is for rays shorter than 1 / NEAR_PART of the length
+                                      of a level-0 cell */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
@@ -2945,10 +2946,13 @@ typedef struct sbl__record {
 #define SBL__LOBE_UNIT 65535.0f        /* stands for 1 in sbl__lobe_albedos */
 #define SBL__LOBE_LEAST 1e-3f          /* lower limit of a lobe's albedo where it is a divisor: the albedo of a metal
                                           may be 0 in some colours */
-#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are integrated in closed form */
+#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, the light of a triangular lamp in a lobe is a closed
+                                          form */
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
-#define SBL__MIRROR_SEEN 0.08f         /* pixels of a smoother mirror show the surface that is seen in the mirror */
-#define SBL__MIRROR_DIFFUSE 0.02f      /* such a mirror has at most this diffuse albedo, which is then ignored */
+#define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen in
+                                          the mirror */
+#define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
+                                          diffuse part is then ignored */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
                                           the lobe also reflects where the albedo is 0 */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
@@ -3623,7 +3627,8 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* enable the depth test; enable four clip distances */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* flags of sbl__pass: DEPTH enables the depth test, CLIP enables four
+                                                      clip distances */
 
 /* Begins a pass: following draws write to the target. viewport and scissor: x, y, width, height; NULL: the whole
    target. flags: SBL__PASS_... */
@@ -5164,7 +5169,7 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
    SBL_PIXELS_SRGB8, and one of 16-bit floats for all others. A texture begins at the start of a row of its table; its
    texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
-#define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
+#define SBL__TEXEL_TABLE_WIDTH 4096  /* width of the texel tables; less if the driver's textures are smaller */
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
@@ -5372,7 +5377,8 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
 
-/* Returns 1 if two objects differ in any field except emission, its texture, its sides, and the normal map. */
+/* Returns 1 if two objects differ in a field that decides how they reflect light, transmit light or hide. Ignores
+   emission with its texture and its sides, the light group and the normal map. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
@@ -6003,7 +6009,7 @@ static const char *const sbl__glsl_sky[] = {
    are stored as 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
    in slices, on first use and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16         /* bins per axis */
+#define SBL__BVH_BINS 16         /* number of bins per axis into which the triangles of a node are sorted to split it */
 #define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; larger numbers would collide with
                                     SBL__ENTER */
 #define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on are split into halves by count, to limit the depth */
@@ -6108,7 +6114,8 @@ typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_work */
+    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_work: about the number of nodes and
+                                    triangles that a ray tests */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
@@ -7445,7 +7452,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     sbl__patch *patches;           /* one element per triangle; a patch is stored at the index of its root */
     double area;                   /* area of all triangles not hidden from sensors, in world units squared */
     double reflecting;             /* the part of `area` that reflects light */
-    double least;                  /* smaller patches are joined into one patch per mesh; in world units squared */
+    double least;                  /* patches of less area are joined into one patch per mesh; in world units squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
     double pool;                   /* factor of `least`. It is multiplied by the same factors as `growth`, but is not
                                       reduced while it exceeds 1 */
@@ -9069,7 +9076,7 @@ typedef struct sbl__atlas {
     int row;                    /* next row to draw of the current triangle; 0: the triangle is not begun */
     uint32_t *parents;          /* per vertex: while charts are joined, its union-find parent (sbl__root); then the
                                    index of its chart. NULL after drawing */
-    sbl__hash_table positions;  /* vertices by position and lightmap coordinates */
+    sbl__hash_table positions;  /* finds vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
@@ -9634,8 +9641,8 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// Returns rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's\n",
-"// position.\n",
+"// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's\n",
+"// position. Vectors with _0 belong to gl_FragCoord 0 0; those with _x and _y are the changes per pixel.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -9825,8 +9832,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// with SBL_NO_SENSORS, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. It is used on\n",
-"// surfaces without sensors, which would smooth R. points: 25, or 0 if the result is not needed\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
+"// without sensors show this mean, because no interpolation between sensors hides the borders of their cells.\n",
+"// points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -9842,7 +9850,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
-"uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres\n",
+"uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
@@ -9908,8 +9916,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
 "// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,\n",
 "// with the stored light there: the reflection of a pane, or the view through a surface that transmits little\n",
-"// light. point: see\n",
-"// sbl_mirrored\n",
+"// light. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -11105,7 +11112,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        l.corner -= position;\n",
 "        l.number = int(sbl_triangle_number(l.triangle));\n",
 "        vec3 normal = cross(l.side_1, l.side_2);\n",
-"        float plane_distance = dot(normal, l.corner);  // times length(normal)\n",
+"        float plane_distance = dot(normal, l.corner);  // distance of the triangle's plane * length(normal)\n",
 "        l.facing = plane_distance > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.facing.y == 1.0) / unit;\n",
 "        for (int i = 0; i < (l.glow ? 1 : 0); i++)\n",
@@ -11190,7 +11197,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time\n",
 "// Graphics\"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's\n",
-"// centre\n",
+"// centre. sine2: squared sine of half the angle that the lamp subtends\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -12787,8 +12794,9 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the\n",
-"// hit is near; the radiance then lacks all reflected light, which further rays find. material: set only with\n",
-"// SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
+"// hit is near or its surface shines. Further rays then find the reflected light, which the result lacks, except that\n",
+"// the diffuse part of a surface that shines reflects stored light. material: set only with SBL_BOUNCED. In the first\n",
+"// segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13872,8 +13880,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* last attempt, after the size of cells is found: maximum fill by leaves on black
-                                      surfaces */
+#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after the
+                                      size of cells is found */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
@@ -16551,11 +16559,11 @@ typedef struct sbl__pixel_lobe {
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
-#define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
+#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
-#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays leave the neighbourhood of the texel */
+#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
 
 /* Interpolation. Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
@@ -16573,20 +16581,23 @@ typedef struct sbl__pixel_lobe {
                                            R and the mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
                                            shadow */
-#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
+#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
+                                           between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
                                            estimate explains all of a pixel's error */
-#define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* like SBL__NOISE_IN_BIAS, for gains of splits; larger, since looks can remove
-                                           that noise instead */
+#define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
+                                           their noise looks like an error of interpolation */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks can
+                                           remove that noise instead */
 /* Noise of sensors. */
 #define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
 #define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
+#define SBL__NOISE_WEIGHT 4             /* sbl__differ adds this * the variance of the difference to the squared
+                                           threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of growing from 2n to 4n looks / from n to 2n
-                                                          looks */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* (gain per look of growing from 2n to 4n looks) / (gain per look
+                                                          of growing from n to 2n looks) */
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -18592,7 +18603,8 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R, or a layer of harmonics, with a Gaussian (section III-H) that stops at edges. */
+   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with a Gaussian (section III-H) that
+   stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
@@ -18611,10 +18623,10 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// Smooths R with the Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is 1,\n",
-"// weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that\n",
-"// differ by more than their noise always reduce weights. Light groups get the weights of R, so that they add up to\n",
-"// R.\n",
+"// Smooths R, or another layer of light, with the Gaussian of section III-H over pixels with the same id,\n",
+"// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or if\n",
+"// its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the weight.\n",
+"// Light groups get the weights of R, so that they add up to R.\n",
 "uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface\n",
 "uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R\n",
 "uniform bool is_group;       // true: `layer` is a light group\n",
@@ -18678,8 +18690,8 @@ static const sbl__recipe sbl__recipe_filter = {
 
 typedef struct sbl__filter {
     int radius, geometry_aware;
-    const sbl__texture *radiance;  /* R (irradiance / pi) and its noise */
-    const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
+    const sbl__texture *radiance;  /* R (irradiance / pi) or the light in lobes, and its noise */
+    const sbl__texture *layer;     /* the layer of harmonics or of a light group to smooth; NULL: smooth `radiance` */
     float layer_noise;             /* see sbl__spec_layer_noise */
     int is_group;                  /* 1: the layer is a light group */
 } sbl__filter;
@@ -19531,7 +19543,7 @@ typedef struct sbl__map {
                                    and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
 
-#define SBL__MAP_SHARE 0.55f      /* progress at which R is developed if reflections follow */
+#define SBL__MAP_SHARE 0.55f      /* progress that a picture has made when R is measured, if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
@@ -19554,7 +19566,8 @@ typedef struct sbl__map {
                                      desc.tile */
 #define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which usually ends earlier (SBL__GLIMPSE_LOOKS) */
-#define SBL__GLIMPSE_LOOKS 0.01   /* looks per visible pixel; the glimpse ends after the round that reaches this */
+#define SBL__GLIMPSE_LOOKS 0.01   /* the glimpse ends after the round that reaches this number of looks per visible
+                                     pixel */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
     sbl__target_delete(d, &image->target);
@@ -20156,8 +20169,8 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
 #define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
-#define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of the fraction of cells that a lobe sees, because errors of
-                                       neighbouring cells are similar */
+#define SBL__LOBE_CELLS_LEAST 0.1f  /* a lobe counts as seeing at least this fraction of the cells that R depends on,
+                                       because errors of neighbouring cells are similar */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {
@@ -20167,7 +20180,7 @@ typedef struct sbl__reflections {
     double sum[3], light[3];    /* sums over pixels: of reflected light, with R in place of the light in lobes; of R */
     double pixels;              /* number of pixels in these sums */
     int found;                  /* 1: a pixel has a lobe */
-    float *errors;              /* becomes sbl__map.errors */
+    float *errors;              /* per working pixel: memory that becomes sbl__map.errors */
 } sbl__reflections;
 
 static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d) {
@@ -20355,9 +20368,9 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
                                   contain all values beyond the range */
 #define SBL__METER_STEP 0.125  /* width of a bin in stops */
 #define SBL__METER_ASIDE 0.05  /* fraction of the pixels that is left out at the dark end and at the bright end */
-#define SBL__METER_LIGHT -0.5  /* log2 of the radiance at which the mean R is shown, unless highlights limit it */
+#define SBL__METER_LIGHT -0.5  /* the exposure brings the mean log2 of R to this, unless highlights limit it */
 #define SBL__METER_BRIGHT 0.05 /* fraction of the pixels, the brightest ones, that are highlights */
-#define SBL__METER_HIGHLIGHT 1.5  /* log2 of the maximum radiance at which the mean highlight should be shown */
+#define SBL__METER_HIGHLIGHT 1.5  /* the exposure should not bring the mean log2 of highlights above this */
 #define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
 #define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples that blur reflections in mirrors */
@@ -20978,7 +20991,7 @@ static int sbl__lightmap_share_rows(void *work) {
     return l->is_window ? 0 : l->map.size[1];
 }
 
-/* Makes the light groups of a row of texels add up. */
+/* Scales the light groups in a row of texels so that they add up to R. */
 static sbl_result sbl__lightmap_share(void *work, int row) {
     const sbl__lightmap *l = (const sbl__lightmap *)work;
     const size_t width = (size_t)l->map.size[0], end = 4 * width * ((size_t)row + 1);
@@ -21177,7 +21190,7 @@ static int sbl__joining_share_rows(void *work) {
     return sbl__joining_groups(j) ? j->desc.lightmap.height : 0;
 }
 
-/* Makes the light groups of a row of texels add up. */
+/* Scales the light groups in a row of texels so that they add up to R. */
 static sbl_result sbl__joining_share(void *work, int row) {
     const sbl__joining *j = (const sbl__joining *)work;
     const size_t width = (size_t)j->desc.lightmap.width, end = 3 * width * ((size_t)row + 1);
@@ -21342,7 +21355,8 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_SPRING 0.02f      /* weight, per area of rejected points, of the mean squared difference between
                                            the light at two corners of their triangle */
 #define SBL__VERTICES_PRECISION 1e-6    /* the solver stops when the residual's norm falls to this * its first value */
-#define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
+#define SBL__VERTICES_RINGS 64          /* light spreads to vertices without light along at most this many edges in a
+                                           row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
 enum {
@@ -22448,7 +22462,7 @@ typedef struct sbl__inspect_request {
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not requested */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
-    sbl_reading reading;        /* of the first look alone */
+    sbl_reading reading;        /* reading of the first look alone */
     float layers[3 * (SBL__LAYERS - 1)];  /* harmonics of the first look, see sbl__task */
     sbl_sensor out;             /* the result */
 } sbl__inspect_request;
@@ -23173,7 +23187,7 @@ static void sbl__context_free(sbl_context *c) {
 }
 
 /* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
-   SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS or SBL__MIRRORS_BLUR. */
+   SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

@@ -19,8 +19,9 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 // with SBL_NO_SENSORS, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. It is used on
-// surfaces without sensors, which would smooth R. points: 25, or 0 if the result is not needed
+// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces
+// without sensors show this mean, because no interpolation between sensors hides the borders of their cells.
+// points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -36,7 +37,7 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #endif
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
-uniform bool draws_sample;              // true: an anti-aliasing sample; false: the pixels' centres
+uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
@@ -102,8 +103,7 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 // Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
 // if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,
 // with the stored light there: the reflection of a pane, or the view through a surface that transmits little
-// light. point: see
-// sbl_mirrored
+// light. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);

@@ -60,7 +60,7 @@ sbl_Lamp sbl_lamp(int leaf) {
         l.corner -= position;
         l.number = int(sbl_triangle_number(l.triangle));
         vec3 normal = cross(l.side_1, l.side_2);
-        float plane_distance = dot(normal, l.corner);  // times length(normal)
+        float plane_distance = dot(normal, l.corner);  // distance of the triangle's plane * length(normal)
         l.facing = plane_distance > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.facing.y == 1.0) / unit;
         for (int i = 0; i < (l.glow ? 1 : 0); i++)
@@ -145,7 +145,7 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
 
 // Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time
 // Graphics"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's
-// centre
+// centre. sine2: squared sine of half the angle that the lamp subtends
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
