@@ -2890,8 +2890,8 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag of a patch word: the cell is for rays shorter than 1 / NEAR_PART of the length
-                                      of a level-0 cell */
+#define SBL__PATCH_NEAR 16u        /* flag of a patch word: the cell is for rays shorter than 1 / NEAR_PART of the
+                                      length of a level-0 cell */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
@@ -2949,8 +2949,8 @@ typedef struct sbl__record {
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, the light of a triangular lamp in a lobe is a closed
                                           form */
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
-#define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen in
-                                          the mirror */
+#define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
+                                          in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
@@ -3627,8 +3627,8 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* flags of sbl__pass: DEPTH enables the depth test, CLIP enables four
-                                                      clip distances */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* flags of sbl__pass: DEPTH enables the depth test, CLIP enables
+                                                      four clip distances */
 
 /* Begins a pass: following draws write to the target. viewport and scissor: x, y, width, height; NULL: the whole
    target. flags: SBL__PASS_... */
@@ -9641,8 +9641,8 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's\n",
-"// position. Vectors with _0 belong to gl_FragCoord 0 0; those with _x and _y are the changes per pixel.\n",
+"// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the\n",
+"// pixel's position: _0 is the value at gl_FragCoord 0 0, _x and _y are the changes from pixel to pixel.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -12794,9 +12794,9 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the\n",
-"// hit is near or its surface shines. Further rays then find the reflected light, which the result lacks, except that\n",
-"// the diffuse part of a surface that shines reflects stored light. material: set only with SBL_BOUNCED. In the first\n",
-"// segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
+"// hit is near or its surface shines. Further rays then find the reflected light, which the result lacks, except\n",
+"// that the diffuse part of a surface that shines reflects stored light. material: set only with SBL_BOUNCED. In\n",
+"// the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13880,8 +13880,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after the
-                                      size of cells is found */
+#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
+                                      the size of cells is found */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
@@ -16587,8 +16587,8 @@ typedef struct sbl__pixel_lobe {
                                            estimate explains all of a pixel's error */
 #define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
                                            their noise looks like an error of interpolation */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks can
-                                           remove that noise instead */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
+                                           can remove that noise instead */
 /* Noise of sensors. */
 #define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
 #define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
@@ -16596,8 +16596,8 @@ typedef struct sbl__pixel_lobe {
                                            threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* (gain per look of growing from 2n to 4n looks) / (gain per look
-                                                          of growing from n to 2n looks) */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* (gain per look of growing from 2n to 4n looks) / (gain per
+                                                          look of growing from n to 2n looks) */
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -18624,9 +18624,9 @@ static const char *const sbl__glsl_belongs[] = {
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
 "// Smooths R, or another layer of light, with the Gaussian of section III-H over pixels with the same id,\n",
-"// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or if\n",
-"// its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the weight.\n",
-"// Light groups get the weights of R, so that they add up to R.\n",
+"// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or\n",
+"// if its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the\n",
+"// weight. Light groups get the weights of R, so that they add up to R.\n",
 "uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface\n",
 "uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R\n",
 "uniform bool is_group;       // true: `layer` is a light group\n",
@@ -20169,8 +20169,8 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
 #define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
-#define SBL__LOBE_CELLS_LEAST 0.1f  /* a lobe counts as seeing at least this fraction of the cells that R depends on,
-                                       because errors of neighbouring cells are similar */
+#define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of (number of cells that a lobe sees) / (number of cells that R
+                                       depends on), because errors of neighbouring cells are similar */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {

@@ -1,5 +1,5 @@
-// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's
-// position. Vectors with _0 belong to gl_FragCoord 0 0; those with _x and _y are the changes per pixel.
+// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the
+// pixel's position: _0 is the value at gl_FragCoord 0 0, _x and _y are the changes from pixel to pixel.
 uniform vec3 origin_0, origin_x, origin_y;
 uniform vec3 direction_0, direction_x, direction_y;
 
