@@ -3155,7 +3155,8 @@ typedef struct sbl__target { unsigned id; int width, height, count; unsigned tex
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 1280  /* at least the number of variants of all recipes together; test_steps.c counts them */
+#define SBL__PROGRAMS_MOST 1280  /* capacity for compiled programs: at least the number of variants of all recipes
+                                    together, which test_steps.c counts */
 
 typedef struct sbl__device {
     sbl__base *base;
@@ -8617,7 +8618,8 @@ static void sbl__check_camera(sbl__check *check, const sbl_picture_desc *d) {
         sbl__mistake(check, "world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one");
     sbl__check_finite(check, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* such sizes get no default projection */
+    /* If the size is invalid, the defaults have not set view_to_clip. */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -13924,7 +13926,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
 #define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards glows */
+#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* number of rays over the hemisphere that decide if a point needs a stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
@@ -14580,7 +14582,8 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
-    at->current = word == sbl__hit_word(s, at);  /* 0 in a cell of a wider level: the hit's own cell may get a leaf */
+    /* A hit in a cell of a wider level is not current, because the cell of its own level may still get a leaf. */
+    at->current = word == sbl__hit_word(s, at);
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -15073,7 +15076,7 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__base *base = &b->core->base;
     const size_t leaves = (size_t)b->store->leaf_count;
     (void)slice;
-    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
     sbl__free(base, b->direct);
     sbl__free(base, b->solved);
     b->site_count = 0;
@@ -15221,7 +15224,7 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
 static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
-    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
     sbl__bounce_free_sites(&b->core->base, b);
     b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count,
                                                   SBL__BOUNCE_RAYS * sizeof *b->reads);
@@ -15381,7 +15384,7 @@ static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
     sbl__store *s = b->store;
     const size_t leaves = (size_t)s->leaf_count, row = 12 * (size_t)b->core->scene.light_groups;
     (void)slice;
-    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
     b->layer_round = 0;
     if (!b->glows) {
         sbl__free(base, s->layers);
@@ -18345,8 +18348,8 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->sensors[0] ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Frees the data that only refinement needs, except views, whose weights take long to compute. Filling in remains
-   possible; inspection sends the guides again. */
+/* Frees the data that only refinement needs. Keeps the job's resources if sensors rasterise views, because the weights
+   of views take long to compute. Filling in remains possible; inspection sends the guides again. */
 static sbl_result sbl__refine_end(sbl__refine *r) {
     sbl__refine_free_sites(r);
     sbl__free(&r->core->base, r->searched);
