@@ -3185,7 +3185,7 @@ static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
 }
 
-/* bytes: size of a texel */
+/* A texture format: GL's internal format; format and type of the texels that the host sends; bytes: size of a texel */
 typedef struct sbl__format { unsigned internal, format, type; size_t bytes; } sbl__format;
 
 static const sbl__format sbl__formats[] = {
@@ -4256,7 +4256,7 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
    SBL__LAMP_KIND_SHIFT bits. */
 #define SBL__SKY_MOST 16384
 
-/* groups: number of light groups in the scene */
+/* Checks a light. groups: number of light groups in the scene */
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number, int groups) {
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
@@ -6022,8 +6022,9 @@ static const char *const sbl__glsl_sky[] = {
                                     iteration itself negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index of a node, or SBL__LEAF |
-   (number of triangles - 1) << 28 | index of its first sbl__triangle, or SBL__ENTER | index of a grid record */
+/* A node: its two children. x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index of
+   a node, or SBL__LEAF | (number of triangles - 1) << 28 | index of its first sbl__triangle, or SBL__ENTER | index of a
+   grid record */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
@@ -6070,7 +6071,8 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* box: bounds of triangles. centroids: bounds of the centres of the triangles' boxes, in doubled coordinates */
+/* Bounds of some triangles. box: bounds of their corners; centroids: bounds of the centres of their boxes, in doubled
+   coordinates */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
 /* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
@@ -6497,7 +6499,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
-"const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
+"const int SBL_HOLES = 64;            // a ray that meets this many holes and panes that it passes ends at the last\n",
 "const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after\n",
 "const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last\n",
 "                                     // place (Ize 2013, \"Robust BVH Ray Traversal\")\n",
@@ -14206,7 +14208,7 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
-/* the same for scenes with metal, where rays that hit metal continue */
+/* the program that casts rays in scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,

@@ -3,7 +3,7 @@ uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid 
 uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
-const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one
+const int SBL_HOLES = 64;            // a ray that meets this many holes and panes that it passes ends at the last
 const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after
 const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last
                                      // place (Ize 2013, "Robust BVH Ray Traversal")
