@@ -6022,9 +6022,9 @@ static const char *const sbl__glsl_sky[] = {
                                     iteration itself negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* A node: its two children. x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index of
-   a node, or SBL__LEAF | (number of triangles - 1) << 28 | index of its first sbl__triangle, or SBL__ENTER | index of a
-   grid record */
+/* A node: its two children. x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: index
+   of a node, or SBL__LEAF | (number of triangles - 1) << 28 | index of its first sbl__triangle, or SBL__ENTER | index
+   of a grid record */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
@@ -7441,7 +7441,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
 
 #define SBL__PATCH_SMOOTH 0.8   /* smallest cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* smallest cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* value of sbl__patching.least if pool is 1, in cell areas for growth 1 */
+#define SBL__PATCH_LEAST 0.25   /* sbl__patching.least is this * pool * (area of a level-0 cell with growth 1) */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
@@ -15050,7 +15050,7 @@ static int sbl__bounce_after_link(void *work) {
 
 /* >>bounce: light from lamps */
 
-/* Frees the data of the job and of the iteration. */
+/* Frees the job's sites and readings, and the reads of the iteration. */
 static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
     sbl__free(base, b->sites);
     sbl__free(base, b->readings);
@@ -16659,8 +16659,8 @@ typedef struct sbl__tile {
     float foreseen_bias2;     /* lower limit of bias2 in a refinement of lobes, see sbl__tile_foresee; otherwise 0 */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
                                  left, which has a sensor; if must_split or a threshold decides, only foreseen_bias2.
-                                 noise2: mean relative squared error from noise, over all pixels. With `weight2`, both
-                                 are errors of FINAL */
+                                 noise2: mean relative squared error from noise, over all pixels. Both contain the
+                                 factor weight2 */
     float light, variance;    /* mean luminance of usable corners; relative variance of one look, see sbl__tile_noise */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors; 0: not possible */
@@ -16775,7 +16775,7 @@ static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
     return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
 }
 
-/* Like sbl__pixel_at, but returns NULL outside the picture. */
+/* Like sbl__pixel_at, but returns NULL outside the working grid. */
 static sbl__pixel *sbl__pixel_inside(const sbl__refine *r, int x, int y) {
     return x >= 0 && y >= 0 && x < r->width && y < r->height ? sbl__pixel_at(r, x, y) : NULL;
 }
