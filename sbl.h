@@ -5728,7 +5728,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
-"// and 2. This is the emission of an emitter (0 if lamps_apart), or epsilon * albedo for other surfaces.\n",
+"// and 2. This is the emission of an emitter times sbl_lamp_met(), or epsilon * albedo for other surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -6646,7 +6646,8 @@ static const char *const sbl__glsl_traverse[] = {
 "vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds\n",
 "\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
-"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint.\n",
+"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted fraction\n",
+"// (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH).\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -14673,7 +14674,7 @@ static int sbl__bounce_after_place(void *work) {
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* These leaves are too many already: the rays of their points would hit still more leaves. */
+        /* The leaves hit so far are too many: the rays that will be cast from their points hit still more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -16984,7 +16985,7 @@ static void sbl__tile_shares(const sbl__tile *c, int x, int y, float share[2]) {
     share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner at this position. share: see sbl__tile_shares */
+/* Returns the bilinear weight of a tile's corner at a position in the tile. share: see sbl__tile_shares */
 static float sbl__tile_weight(const float share[2], int corner) {
     return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
 }

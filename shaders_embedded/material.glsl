@@ -132,7 +132,7 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 }
 
 // Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1
-// and 2. This is the emission of an emitter (0 if lamps_apart), or epsilon * albedo for other surfaces.
+// and 2. This is the emission of an emitter times sbl_lamp_met(), or epsilon * albedo for other surfaces.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);

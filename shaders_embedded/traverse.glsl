@@ -150,7 +150,8 @@ const int SBL_RAY_SOLID = 2;   // the ray stops
 vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
 
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
-// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint.
+// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted fraction
+// (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH).
 bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
