@@ -5597,7 +5597,7 @@ static const char *const sbl__glsl_material[] = {
 "// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other\n",
 "// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
-"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so that sbl_outgoing leaves it out\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters; sbl_outgoing adds it times sbl_lamp_met()\n",
 "#ifdef SBL_SPECULAR\n",
 "float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met\n",
 "#endif\n",
@@ -9978,7 +9978,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (mirrors > 0) {\n",
 "            m.emission += m.throughput * ray.weight * found.emission;\n",
 "            aside = further;\n",
-"            iteration--;  // the next iteration traces this ray\n",
+"            iteration--;  // the same iteration is repeated for `further`\n",
 "            continue;\n",
 "        }\n",
 "        if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);\n",
@@ -18201,7 +18201,7 @@ static int sbl__refine_after_list(void *work) {
         task.spec.ray_length = 0;
         task.spec.seed = sbl__scouts_seed(r);
     }
-    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only the hits are used */
+    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* the search needs only hits */
     task.sites = r->sites;
     task.readings = r->readings;
     task.layers = r->reading_layers;

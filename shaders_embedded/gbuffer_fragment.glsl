@@ -160,7 +160,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
         if (mirrors > 0) {
             m.emission += m.throughput * ray.weight * found.emission;
             aside = further;
-            iteration--;  // the next iteration traces this ray
+            iteration--;  // the same iteration is repeated for `further`
             continue;
         }
         if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);
