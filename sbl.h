@@ -5597,7 +5597,7 @@ static const char *const sbl__glsl_material[] = {
 "// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other\n",
 "// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
-"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters; sbl_outgoing adds it times sbl_lamp_met()\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds light of emitters; sbl_outgoing adds it times sbl_lamp_met()\n",
 "#ifdef SBL_SPECULAR\n",
 "float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met\n",
 "#endif\n",

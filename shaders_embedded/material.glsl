@@ -1,7 +1,7 @@
 // This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other
 // shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
-uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters; sbl_outgoing adds it times sbl_lamp_met()
+uniform bool lamps_apart;  // true: lamps.glsl adds light of emitters; sbl_outgoing adds it times sbl_lamp_met()
 #ifdef SBL_SPECULAR
 float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met
 #endif
