@@ -371,7 +371,7 @@ static void lit__draw_map(lit_scene *l, int map) {
         if (l->maps[i] == map) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
 
-/* Lowers the exposure if too much would be too bright, which is measured in small textures. Returns 0 if memory runs
+/* Lowers the exposure by lit__excess, which is measured in small versions of the textures. Returns 0 if memory runs
    out. */
 static inline int lit_spare(lit_scene *l) {
     lit_scene small = *l;
