@@ -1582,7 +1582,8 @@ static double worst_below_patch(double half) {
     return worst / light_of_patch(half, sites[4].position);
 }
 
-/* Few rays find a small bright place by chance, so it must be a lamp. A saved store knows it, too. */
+/* Few rays find a small bright place by chance, so it must be a lamp. A store that is saved and loaded
+   still gives the same light. */
 TEST(a_small_bright_place) {
     static const double halves[] = { 0.02, 0.1, 0.3 };
     static sbl_reading first[MOST_SITES];

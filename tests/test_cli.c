@@ -610,8 +610,6 @@ TEST(the_cornell_box_is_seen_from_its_open_side) {
 
 /* >>outputs */
 
-/* A room with one lamp over a floor, in front of a wall. The .obj file also has numbers without a zero before the
-   point. */
 /* A .png holds the values of the .pfm with exposure and sRGB encoding applied. */
 TEST(png_is_the_encoded_pfm) {
     picture p;

@@ -299,8 +299,8 @@ TEST(files_are_what_gl_samples) {
 
 /* ---- comparison with cmgen ---- */
 
-/* Reads the red values of a face that cmgen has written as .psd: planes of big-endian floats, red first. (Its .dds of
-   four floats holds 3 everywhere.) */
+/* Reads the red values of a face that cmgen has written as .psd: planes of big-endian floats, red first. (A .dds of
+   four floats from cmgen is of no use, because all its values are 3.) */
 static int read_psd(const char *name, int side, float *out) {
     static unsigned char bytes[1 << 17];
     FILE *in = fopen(in_folder(name), "rb");

@@ -1157,7 +1157,7 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
 }
 
 /* A floor that sees a bright place only by way of metal gets the same light, whether the place is lit or emits as much
-   itself. Metal that is half there reflects half. */
+   itself. Metal with a coverage of one half reflects half. */
 TEST(bright_places_are_seen_by_way_of_metal) {
     double lit = 0, emits, glows, half;
     int i;

@@ -327,8 +327,8 @@ TEST(spot_cones) {
         }
 }
 
-/* Of 600 spotlights, more than a look has entries, every other one is a thousand times as strong and faces away. Rays
-   must go to those that light the floor. */
+/* There are 600 spotlights, which is more than a look has entries. Every other one is a thousand times as strong, but
+   faces away from the floor. Rays must go to those that light the floor. */
 TEST(spots_that_look_away) {
     enum { SPOTS = 600 };
     static test_scene s;

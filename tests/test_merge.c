@@ -72,8 +72,8 @@ static double png_off(const char *one, const char *other) {
     return sum[0] && sum[1] ? off / (3.0 * 48 * 32) : 1000;
 }
 
-/* A .png of parts that hold what a screen shows looks like the one that is made at once; so does one of errors, which
-   a .png shows raised. */
+/* A .png that is joined from parts with the display channel looks like a .png that is made at once. The same is true of
+   the error channel, which a .png shows brighter. */
 TEST(parts_make_a_png) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "-o", "whole.png", "--exposure", "1") == 0, "%s", ran.err);

@@ -4,7 +4,8 @@
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
-static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }  /* used by picture_file.h */
+/* gltf_file.h calls to_byte, which the tools get from picture_file.h. */
+static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }
 #include "../examples/gltf_file.h"
 #include "support/test.h"
 #include <sys/inotify.h>
@@ -1292,7 +1293,8 @@ static void take_the_rest(scene_file *file, const char *path, scene__bytes *byte
     take_all(file, path, bytes);
 }
 
-/* A reader that allocates or shares more memory than the limit fails with a message. */
+/* A reader can allocate only as much memory as the limit, less what it shares with the program that started it. A
+   reader that shares more than the limit fails with a message. */
 TEST(memory_is_limited) {
     scene_file_options options;
     scene_file *file;
@@ -1318,7 +1320,7 @@ TEST(memory_is_limited) {
     scene_file_free(file);
 }
 
-/* Shared pages that are no longer used are released. */
+/* Shared pages that the reader did not use are released. */
 TEST(shared_pages_are_limited) {
     scene_file_options options;
     scene_file *file;

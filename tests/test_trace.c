@@ -621,7 +621,7 @@ TEST(nasty_triangles) {
         compare_hits(way == 0   ? "copies"
                      : way == 1 ? "copies of either winding"
                                 : "needles",
-                     &s, &view, 100, 200); /* side by side across the room */
+                     &s, &view, 100, 200);
         CHECK(sbl_query_stats(context).scene.triangles == 12 + copies, "%d triangles",
               sbl_query_stats(context).scene.triangles);
         CHECK(way == 2 || inside_node_count(context) < 100, "the hierarchy of copies has %d nodes",
