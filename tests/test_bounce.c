@@ -1369,7 +1369,7 @@ static size_t saved_get(void *data, size_t bytes, void *user) {
 /* In a furnace, where R is 1 everywhere, the draw callback draws a cube that emits what it does not reflect. The cube
    then looks like the walls, so that R stays 1. Below a sun, the callback is told the light that reaches the sides of
    the cube. A saved store includes this light, and is refused if the geometry is drawn elsewhere. */
-TEST(drawn_things_are_told_their_light) {
+TEST(draw_callback_receives_the_ambient_light) {
     test_scene s = { 0 };
     sbl_scene_desc scene;
     const int m = furnace_material(&s, 0.5f);
@@ -1787,7 +1787,7 @@ int main(void) {
     RUN_PLAIN(more_sides_than_samples);
     RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
-    RUN(drawn_things_are_told_their_light);
+    RUN(draw_callback_receives_the_ambient_light);
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);

@@ -113,7 +113,7 @@ static void listen_to(const char *path, const char *message, void *user) {
 
 /* A reader can open files in the folder of the scene and nothing else: no other files, sockets, processes or executable
    memory. */
-TEST(it_sees_nothing_else) {
+TEST(reader_opens_only_the_scene_folder) {
     scene_file_options options;
     scene_file *file;
     if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
@@ -160,7 +160,7 @@ static void read_outside(scene_file *file, const char *path, scene__bytes *bytes
 }
 
 /* Without Landlock and seccomp the scene is still read, and a message says that they are missing. */
-TEST(an_older_kernel_is_told_of) {
+TEST(a_missing_sandbox_is_reported) {
     scene_file_options options;
     int status = -1;
     pid_t child;
@@ -268,7 +268,7 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
 
 /* Each of 27 inconsistent values in the shared memory makes reading fail. Pointers to functions and names of GL objects
    are set to 0. */
-TEST(lies_are_not_believed) {
+TEST(inconsistent_shared_values_are_refused) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
@@ -1397,9 +1397,9 @@ int main(void) {
     notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",
         folder); return 1; }
-    RUN(it_sees_nothing_else);
-    RUN(an_older_kernel_is_told_of);
-    RUN(lies_are_not_believed);
+    RUN(reader_opens_only_the_scene_folder);
+    RUN(a_missing_sandbox_is_reported);
+    RUN(inconsistent_shared_values_are_refused);
     RUN(a_broken_picture_is_opened_once);
     RUN(gloss_of_gltf);
     RUN(textures_of_metal);
