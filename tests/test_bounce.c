@@ -442,7 +442,8 @@ static void check_furnace_picture(double rho, int kind) {
     free(final);
 }
 
-/* Boxes and spheres of four albedos have R = 1 everywhere, in readings and in pictures. */
+/* Closed boxes and spheres, whose surfaces have one of four albedos and emit 1 - albedo, have R = 1 everywhere inside,
+   in readings and in pictures. */
 TEST(furnaces) {
     static const float albedos[] = { 0.2f, 0.5f, 0.8f, 0.95f };
     int kind, i, raster;

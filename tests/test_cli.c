@@ -1183,8 +1183,8 @@ static double lamp_at(double x, double y, double z, const double p[3]) {
     return (y - p[1]) / sqrt(d2) / (acos(-1.0) * d2);
 }
 
-/* The same for a spot light, which has full intensity inside the inner angle and none outside the outer angle. Both
-   angles are measured from the axis, in radians. */
+/* Returns the same as lamp_at for a spot light. It has full intensity inside the inner angle and none outside the outer
+   angle. Both angles are measured from the axis, in radians. */
 static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer,
                       const double p[3]) {
     const double to[3] = { p[0] - x, p[1] - y, p[2] - z };

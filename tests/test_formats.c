@@ -297,7 +297,7 @@ TEST(a_full_disk_leaves_nothing) {
 }
 
 /* Files that cannot be written are reported before the work. */
-TEST(unwritable_files_are_reported_at_once) {
+TEST(unwritable_files_are_reported_before_the_work) {
     write_scene("room.gltf", apart, 1);
     mkdir(in_folder("way"), 0777);
     mkdir(in_folder("way/atlas.ktx2"), 0777);
@@ -420,7 +420,7 @@ int main(int argc, char **argv) {
     RUN(glass_is_transparent_in_lit_scenes);
     RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);
-    RUN(unwritable_files_are_reported_at_once);
+    RUN(unwritable_files_are_reported_before_the_work);
     RUN(joined_maps_have_formats);
     RUN(a_lit_scene_shows_the_light);
     tool_end();

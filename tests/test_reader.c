@@ -384,7 +384,7 @@ static scene_file *read_back(const char *name, int all_matte) {
     return scene_file_load(in_folder(name), &options, error, sizeof error);
 }
 
-/* Returns the material of the triangle with index `number`. */
+/* Returns the material of the mesh with index `number`. */
 static const sbl_material *material_of(const scene_file *file, int number) {
     return &file->scene.materials[file->scene.meshes[number].material];
 }

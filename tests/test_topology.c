@@ -583,7 +583,7 @@ TEST(places_that_differ_are_noisy) {
         noise = (double)readings[7].noise;
         CHECK(fabs((double)readings[7].radiance[1] - (round ? 2 : 4.5)) < 1e-6, "the mean is %g",
               (double)readings[7].radiance[1]);
-        /* the middle two differ from their mean by 0.5 */
+        /* the middle quarter of the first eight values is 4 and 5, which differ from their mean by 0.5 */
         CHECK(fabs(noise - (round ? 0.4 : 0.5) / sqrt(8)) < 1e-5, "round %d: the noise is %g", round, noise);
     }
 }
