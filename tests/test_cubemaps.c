@@ -165,7 +165,7 @@ static void free_cube(cube *c) {
     memset(c, 0, sizeof *c);
 }
 
-/* Reads a file according to its specification. Returns 1 if it is such a cube map. */
+/* Reads a .ktx2 file as the specification of KTX 2.0 describes it. Returns 1 if it is a cube map of half floats. */
 static int read_ktx2(const char *name, cube *c) {
     static const char mark[] = "\253KTX 20\273\r\n\032\n";
     static unsigned char bytes[1 << 20];
