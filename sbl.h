@@ -222,11 +222,11 @@
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
    auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
-   surfaces are: white rooms stay white. It brings the mean logarithm of the luminance of R, without the darkest and the
-   brightest 5 % of the pixels, to that of 0.71. If this brings the mean logarithm of the brightest 5 % of FINAL above
-   that of 2.8, the exposure is lowered again, by at most 1.5 stops. sbl_stats.picture.exposure tells the result.
-   Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient behind objects that would
-   otherwise be in front of a black sky.
+   surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black pixels, and
+   the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the brightest 5 % of
+   FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops. The result is in
+   sbl_stats.picture.exposure. Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient
+   behind objects that would otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -257,9 +257,10 @@
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
-   cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of the target, or
-   below half of the third part or twice the target, whichever is less. If the third part alone exceeds the target, the
-   picture ends with SUCCESS and an expected_error above the target. sbl_stats.picture.stored_error is the third part.
+   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. Noise and
+   interpolation together are not reduced below 0.84 of the target, and not below half of the third part (or twice the
+   target, if this half is more). If the third part exceeds 0.55 of the target, the picture may therefore end with
+   SUCCESS and an expected_error above the target.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -282,7 +283,7 @@
    sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
-   lights without size get only one ray each. If there are more than 256 lamps, those that are far away for their size
+   lights without size get only one ray each. If there are more than 256 lamps, those that are small for their distance
    form clusters, and each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
    mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
 
@@ -313,7 +314,8 @@
 
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
    Raise it if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light looks
-   patchy; lower it for a quick preview. Grain of single pixels needs a smaller target_error.
+   patchy; lower it for a quick preview. It does not change the grain of single pixels, which a smaller target_error
+   reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a
@@ -365,19 +367,21 @@
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and panes. Mirrors are here surfaces of a roughness below 0.08 with a diffuse albedo of
-                  at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID belong to the surface
-                  that is seen; DEPTH is negative if that surface lies behind the camera. If a material (without its
-                  texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples
-                  per pixel, which blur what these mirrors show. They all lie at the pixel's centre if
-                  sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by rays
+                  most 8 mirrors and panes. A mirror is here a surface of a roughness below 0.08 with a diffuse albedo
+                  of at most 0.02; most metals have such an albedo. Channels such as NORMAL, POSITION and ID belong to
+                  the surface that is seen; DEPTH is negative if that surface lies behind the camera. If a material
+                  (without its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16
+                  anti-aliasing samples per pixel, which blur what these mirrors show. All these samples lie at the
+                  pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by
+                  rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
-                  diffuse part shows the stored light, and so does what it mirrors, but metal of a roughness below 0.5
-                  mirrors sharply there: in SBL_MODE_DIRECT, the diffuse part is black, and only lamps and the sky are
-                  mirrored. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps find
+                  diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too;
+                  only metal of a roughness below 0.5 is itself a mirror there. No light is stored in SBL_MODE_DIRECT:
+                  the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness does not blur
+                  what a pane shows. Panes tint the light that rays towards lamps find
 
-   Mirrors show, and panes have behind them, what sensors see: surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none
-   with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+   In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
+   none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
 
    Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
    glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
@@ -449,7 +453,7 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
-   Triangles without area in the map are counted by a warning; if there are no others, the bake fails.
+   Another warning counts the triangles that have no area in the map; if no triangle has area there, the bake fails.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. These four alone would give
@@ -531,9 +535,10 @@
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore
    `valid`. back_share is there for tests of your own. The light is correct for the probe's position in any case.
 
-   Moving probes out of solids: if `move` is above 0, an invalid probe tries to go through the nearest back face of each
-   octant of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the
-   given position. It stays at the first valid position, or else where it was.
+   Moving probes out of solids: if `move` is above 0, an invalid probe tries up to eight other positions. They lie
+   behind the nearest back face in each octant of directions, an eighth of `move` beyond it, but never farther than
+   `move` from the given position. The nearest back face is tried first. The probe stays at the first valid position, or
+   where it was if there is none.
 
    Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
    sky is visible, 0 means infinitely far.
@@ -752,8 +757,9 @@
 
    In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
-   A lightmap can be baked in windows, too. Mean, price and store are as above; a small lightmap without supersample
-   supplies the mean and the price, whose pixels are the places of `supersample`. Windows have no gutters. Copy
+   A lightmap can be baked in windows, too. Mean, price and store are as above. A small lightmap without supersample
+   supplies the mean and the price; as pixels of the whole, the factor of the price counts the places of `supersample`,
+   width * height * supersample^2. Windows have no gutters. Copy
    SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3 of each window to its
    place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If a
    single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is baked
@@ -1242,8 +1248,8 @@ typedef struct sbl_options {
                                   16 are traced if light comes from lamps alone (never in SBL_MODE_GI), because they
                                   then only find hit_share, back_share, hit_mean, hit_min and valid.
                                   Rays towards lamps come in addition (if views are drawn, they are the only rays):
-                                  about as many again at most, and for probes a 64th of rays, but 32 to 256, for each
-                                  of a probe's normals */
+                                  about as many again at most. Probes send them for each of their 320 normals: a 64th
+                                  of rays, but at least 32 and at most 256 */
     int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512.
                                   Default: 32 / 64 / 128. Default of probes: 8 / 16 / 32 */
     float epsilon;             /* ambient factor: a surface that does not emit has the radiance epsilon * albedo.

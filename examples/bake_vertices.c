@@ -1,7 +1,7 @@
 /* Demonstrates light at the vertices of a coarse mesh, as games use it. sbl_bake_vertices fits the light of the
    vertices by least squares to points on the triangles. The program writes bake_vertices.ply, the Cornell box with its
    light as vertex colours, for any model viewer. It compares the interpolated light with that of a mesh of four times
-   as many vertices, and prints the error of the fit and of plain averages. The first argument is the folder for the
+   as many triangles, and prints the error of the fit and of plain averages. The first argument is the folder for the
    file. With a second argument, the light is a draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"

@@ -1,6 +1,6 @@
-/* The Cornell box as arrays: 16 quads of 32 triangles, with the measurements in millimetres and the camera that the
-   Cornell University Program of Computer Graphics published. The colours and the lamp are approximated in RGB. Include
-   after sbl.h. */
+/* The Cornell box as arrays: 16 quads, each of two triangles, with the measurements in millimetres and the camera that
+   the Cornell University Program of Computer Graphics published. The colours and the lamp are approximated in RGB.
+   Include after sbl.h. */
 #ifndef CORNELL_BOX_H
 #define CORNELL_BOX_H
 

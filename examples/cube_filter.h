@@ -115,7 +115,7 @@ static inline void cube__add(cube_lobe *lobe, int level, int x, int y) {
     const float scale = 1 / sqrtf(1 + u * u + v * v);
     const float c = scale * (u * lobe->r[0] + v * lobe->r[1] + lobe->r[2]);
     const float q = lobe->square + (1 - lobe->square) * 0.5f * (1 - c);
-    const float width = 2 * half * scale, about = 4 * q < 1 ? 4 * q : 1;  /* squared angle that doubles q */
+    const float width = 2 * half * scale, about = 4 * q < 1 ? 4 * q : 1;  /* about: squared angle at which q doubles */
     if (c < -1.5f * width) return;
     if (level < depth + CUBE__FINER && width * width > CUBE__FINENESS * CUBE__FINENESS * about) {
         cube__add(lobe, level + 1, 2 * x, 2 * y);

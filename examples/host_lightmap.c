@@ -113,8 +113,8 @@ static const char ball_vertex_shader[] =
     "    gl_Position = view_to_clip * (world_to_view * vec4(middle + radius * normal, 1.0));\n"
     "}\n";
 
-/* All that a shader needs for a probe: R for a normal, here from the ambient cube. Unlike nine harmonics near a strong
-   lamp, the cube is never negative. */
+/* This shader needs only R for the normal of a pixel, which it computes from the ambient cube of the probe. The cube is
+   never negative, unlike the sum of the nine harmonics near a strong lamp. */
 static const char ball_fragment_shader[] =
     "uniform vec3 cube[6];\n"
     "in vec3 normal;\n"

@@ -57,7 +57,7 @@ static int groups__find(light_groups *g, const char *name) {
         if (fnmatch(g->items[i].pattern, name, 0) == 0) break;
     if (i == g->list.count)
         for (i = 0; i < g->list.count && strcmp(g->list.names[i], "rest") != 0; i++) {}
-    if (i == g->list.count && g->list.count <= SBL_MAX_LIGHT_GROUPS) {  /* groups_assign reports a group too many */
+    if (i == g->list.count && g->list.count <= SBL_MAX_LIGHT_GROUPS) {  /* otherwise groups_assign reports the error */
         snprintf(g->list.names[i], sizeof g->list.names[i], "rest");
         snprintf(g->items[i].pattern, sizeof g->items[i].pattern, "rest");
         g->list.count++;

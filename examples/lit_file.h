@@ -105,8 +105,8 @@ static inline int lit_meter(lit_scene *l, const image *light) {
 }
 
 /* Computes the mean of R and returns the exposure in stops. This is the first rule of sbl_picture_desc.auto_exposure:
-   the mean logarithm of the luminance, without the darkest and the brightest 5 % of the texels, becomes that of 0.71.
-   Texels below a twentieth of the mean are ignored, because many of them are hidden. */
+   the geometric mean of the luminance, without the darkest and the brightest 5 % of the texels, becomes 0.71. Texels
+   below a twentieth of the mean are ignored, because many of them are hidden. */
 static inline double lit_stops(lit_scene *l) {
     double *logs = l->log_luminances, sum = 0, stops = 0, mean;
     size_t i, count = l->log_count, dark = 0, cut;
@@ -371,7 +371,7 @@ static void lit__draw_map(lit_scene *l, int map) {
         if (l->maps[i] == map) lit__draw_mesh(l, &l->scene->meshes[i]);
 }
 
-/* Lowers the exposure if too much would be too bright, which is measured in small textures. Returns 0 if memory runs
+/* Lowers the exposure by lit__excess, which is measured in small versions of the textures. Returns 0 if memory runs
    out. */
 static inline int lit_spare(lit_scene *l) {
     lit_scene small = *l;

@@ -85,7 +85,8 @@ static inline int parts__fit(part_list *l, const part_kind *kind, const picture_
                        first->count);
 }
 
-/* Returns 1 if each part K/N is given once. Otherwise l->error names the first part that is missing or given twice. */
+/* Returns 1 if each part K/N is given once, or if the first file has no number. Otherwise l->error names the first part
+   that is missing or given twice. */
 static inline int parts__check_numbers(part_list *l) {
     const int count = l->files[0].count;
     int i, k, missing = 0, first = 0, ok = 1;

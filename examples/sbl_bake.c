@@ -479,8 +479,9 @@ static int find_probes(int total) {
     return DONE;
 }
 
-/* Sets the range to the meshes of this part. Each part gets one mesh, and then further meshes as long as the middle
-   triangle of the next mesh is within the share of the part of all triangles. Enough meshes are left for one in each
+/* Sets the range to the meshes of this part, so that all parts have about the same number of triangles. A part takes
+   the mesh after those of the part before it. It goes on to take the next mesh while, of N parts, part K and those
+   before it have no more than K / N of all triangles up to the middle of that mesh, and while one mesh is left for each
    later part. Returns the exit status. */
 static int find_meshes(const scene_file *file) {
     const sbl_mesh *m = file->scene.meshes;

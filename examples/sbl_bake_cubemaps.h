@@ -12,15 +12,17 @@ enum {
     CUBEMAP_JSON = OWN_TARGETS, CUBEMAP_KTX2, CUBEMAP_EXR
 };
 
-/* Histograms of the surfaces around a probe that face it squarely, by their distance from it as a share of the distance
-   to the bounds. The wall of the room is where they fill the largest solid angle. */
+/* Histograms of the surfaces on one side of a probe that are perpendicular to this axis, by their distance from the
+   probe as a share of the distance to the bounds. solid: their solid angle, 1 being a texel in the middle of a face;
+   sum: the same times their coordinate. The wall of the room is where they fill the largest solid angle. */
 typedef struct cube_wall { double solid[CUBEMAP_BINS + 1], sum[CUBEMAP_BINS + 1]; } cube_wall;
 
 /* The facts about a probe in the .json. The walls are in the order of cube_names. */
 typedef struct cube_facts {
     sbl_probe probe;
     float box[6];
-    int is_wall[6];          /* 1: a wall was found; 0: this side of the box is on the bounds of the scene */
+    int is_wall[6];          /* 1: a wall was found; 0: this side of the box is on the bounds of the scene, or at the
+                                probe if that is outside of them */
 } cube_facts;
 
 typedef struct cubemaps {

@@ -274,7 +274,8 @@ static int begin(int stage) {
     camera.size[0] = view.size[0];
     camera.size[1] = view.size[1];
     fill_desc(&desc, stage);
-    if (!camera_matrices(desc.world_to_view, desc.view_to_clip, &view.camera)) return 1;  /* until it moves */
+    /* a camera without matrices shows nothing until it moves */
+    if (!camera_matrices(desc.world_to_view, desc.view_to_clip, &view.camera)) return 1;
     result = sbl_begin_picture(view.context, &desc);
     if (result != SBL_SUCCESS) return give_up(common.scene, result);
     memcpy(overlay.world_to_view, desc.world_to_view, sizeof desc.world_to_view);

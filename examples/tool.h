@@ -155,7 +155,7 @@ static inline sbl_result work(sbl_context *context) {
     return result;
 }
 
-#define WORK_GLANCE 0.02  /* seconds per step of work_until, which checks for the channel after each step */
+#define WORK_GLANCE 0.02  /* seconds per step of work_until, which looks for the channel before each step */
 
 /* Works until a channel can be read, or until a signal arrives. */
 static inline sbl_result work_until(sbl_context *context, sbl_channel channel) {

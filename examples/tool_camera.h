@@ -33,7 +33,7 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
     { UP, "the direction that is up in the picture" }, \
     { FOV, "vertical field of view" }
 
-/* A camera. camera_choose chooses it without the options; camera_place then lets the options replace parts of it. */
+/* A camera. camera_choose chooses it for the scene; camera_place then lets the options replace parts of it. */
 typedef struct camera_view {
     double eye[3], forward[3], up[3], fov;
     int of_file;        /* 1: it is the camera of the file */
@@ -130,8 +130,9 @@ static void camera__frame(const survey *s, camera_view *view) {
     view->where = "in front of an object";
 }
 
-/* Places the camera in front of the open side of a room, so that the opening covers the picture. If the shapes differ,
-   borders may remain, which are at most half of the picture. */
+/* Places the camera in front of the open side of a room, so that the opening covers the picture. An opening that is
+   more than twice as long as it is high, relative to the picture, or the reverse, does not cover it: half of its longer
+   side fits into the picture, and borders remain beside the shorter side. */
 static void camera__look_in(const survey *s, camera_view *view) {
     const int axis = s->side / 2, across = axis == 0 ? 2 : 0;
     double tangents[2], wide, high, covers, distance;
@@ -152,8 +153,8 @@ static void camera__look_in(const survey *s, camera_view *view) {
 
 enum { CAMERA__ROOM_FOV = 60 };  /* field of view inside a room in degrees, as of a wide-angle lens */
 
-/* Chooses the camera of the file, or a camera that shows the complete scene. Of the options, only --size and --fov are
-   used. */
+/* Chooses the camera of the file, or one that fits the scene (see the help text of --fov). It uses only the options
+   --size and --fov. */
 static void camera_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
     int i;
     if (camera_of_file(file, view, s)) { if (given[FOV]) view->fov = camera.fov; return; }
@@ -169,8 +170,8 @@ static void camera_choose(camera_view *view, const scene_file *file, const int *
 }
 
 /* Lets the options replace parts of the camera. For an object with --look-at but without --eye, the camera is placed so
-   far from this point that it shows the complete scene. With --eye but without --look-at, the camera looks at the
-   centre of the scene. */
+   far from this point that a sphere around it, as large as the scene, fits into the picture. With --eye but without
+   --look-at, the camera looks at the centre of the scene, or as the camera of the file does. */
 static void camera__options(camera_view *view, const int *given, const survey *s) {
     double tangents[2], at[3], distance;
     int i;

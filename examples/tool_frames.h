@@ -20,9 +20,9 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; size of the file in bytes */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest frame number; most bytes in a file of --cameras */
 
-/* A camera of the file, in the form of the options. */
+/* A camera of the file of --cameras. The fields are the values of the options --eye, --look-at, --up and --fov. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
 
 static struct tool_frames {
@@ -134,8 +134,8 @@ static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
     return DONE;
 }
 
-/* Returns 1 if a matrix only moves and rotates: its axes are at right angles, it does not mirror, and its last row is
-   0, 0, 0, 1. */
+/* Returns 1 if a matrix can place a camera: its axes are at right angles, of any length, it does not mirror, and its
+   last row is 0, 0, 0, 1. */
 static int frames__is_camera(const double m[16]) {
     double length[3], volume = 0;  /* negative if the matrix mirrors */
     int i, ok = fabs(m[15] - 1) < 1e-6;

@@ -16,9 +16,10 @@
    left of x. */
 typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 
-/* Cost of a pixel in addition to the looks that the small picture took there, relative to the mean number of looks. It
-   stands for the sensors of the first level, which are everywhere: their share is larger in the full picture than in
-   the small one. In four rooms, values from 0.2 to 0.6 fitted best. */
+/* The cost of a pixel is the number of looks that its sensor took in the small picture (SBL_CHANNEL_LOOKS), plus this
+   factor times the mean number of looks. The second term stands for the sensors of the first level, which are
+   everywhere: their share is larger in the full picture than in the small one. In four rooms, values from 0.2 to 0.6
+   fitted best. */
 #define PLAN_BASE 0.4
 
 /* Computes the sums. Returns 0 if memory runs out. looks: number of looks of each pixel */
@@ -49,9 +50,9 @@ static double plan__cost_before(const plan_cost *c, double x, double y) {
     return (1 - fy) * ((1 - fx) * s[0] + fx * s[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
 }
 
-#define PLAN_MARGIN 12  /* a border of this many pixels around a window costs as much as its pixels */
+#define PLAN_MARGIN 12  /* pixels; a window is computed with a border of this width, which adds to its cost */
 
-/* Returns the cost of a window of a picture with this size. c: NULL: the cost is the area */
+/* Returns the cost of a window of a picture with this size. c: NULL: the cost is the area of the window in pixels */
 static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) {
     const double x0 = (double)(w[0] - PLAN_MARGIN) / size[0], x1 = (double)(w[0] + w[2] + PLAN_MARGIN) / size[0];
     const double y0 = (double)(w[1] - PLAN_MARGIN) / size[1], y1 = (double)(w[1] + w[3] + PLAN_MARGIN) / size[1];
@@ -121,7 +122,7 @@ static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int
     return plan_divide(p, c, size, parts[0], counts[0]) && plan_divide(p, c, size, parts[1], counts[1]);
 }
 
-/* Returns 1 if the windows are inside a region and together have as many pixels. */
+/* Returns 1 if all windows are inside a region and together have at least as many pixels as the region. */
 static int plan_fills(const plan *p, const int region[4]) {
     double pixels = 0;
     int i, k, inside = 1;

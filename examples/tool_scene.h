@@ -113,9 +113,13 @@ static struct tool_common {
 static const char *const help_words[] = { "all", NULL };
 #ifdef TOOL_DRAWS
 #define TOOL__PAPER(text) text
+#define TOOL__BAKE(text)
+#define TOOL__PIXEL "pixel"
 static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
 #else
 #define TOOL__PAPER(text)
+#define TOOL__BAKE(text) text
+#define TOOL__PIXEL "texel"
 static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
 #endif
 static const char *const preset_words[] = { "draft", "default", "high", NULL };
@@ -176,7 +180,11 @@ enum {
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
                         "traces exactly this many rays for each sensor; the target error then decides only where " \
                             "sensors are\n" \
-                        "placed. Default: as many as the target error requires", NULL, NULL }, \
+                        "placed. Default: as many as the target error requires" \
+                        TOOL__BAKE(". For light at vertices: the rays\n" \
+                        "of each point on a triangle; default 16, 64, 256 by preset. For probes: the rays of a " \
+                            "probe, in all\n" \
+                        "directions, at least 64; default 1024, 4096, 16384 by preset"), NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
                             "memory;\n" \
@@ -186,11 +194,13 @@ enum {
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
                         "ambient factor in mode" TOOL__PAPER("s paper and") " ambient; default 0.02", NULL, NULL }, \
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
-                        "texels across one view of a rasterised sensor; default 32, 64, 128 by preset", NULL, NULL }, \
+                        "texels across one view of a rasterised sensor; default 32, 64, 128 by preset" \
+                        TOOL__BAKE(", of probes 8, 16, 32"), NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
-                        "size of the first tiles in pixels: sensors are placed at their corners; 1 places a sensor " \
-                            "at every\n" \
-                        "pixel; default 16", NULL, NULL }, \
+                        "size of the first tiles in " TOOL__PIXEL "s: sensors are placed at their corners; 1 places " \
+                            "a sensor at every\n" \
+                        TOOL__PIXEL "; default 16" TOOL__BAKE(". --supersample K makes this unit K times as small"), \
+                        NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
                         "subdivides tiles where neighbouring sensors differ by more than this fraction of their " \
                             "mean, instead of\n" \
@@ -198,7 +208,8 @@ enum {
                             "default 0.05"), \
                         NULL, NULL }, \
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
-                        "radius of the Gaussian filter in pixels; 0 turns it off; default 2", NULL, NULL }, \
+                        "radius of the Gaussian filter in " TOOL__PIXEL "s; 0 turns it off; default 2" \
+                        TOOL__BAKE("; unit as for --tile"), NULL, NULL }, \
     [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \

@@ -18,9 +18,10 @@
 static const double studio__sun[3] = { 0.68, 0.66, 0.63 };     /* R of a surface that faces the sun */
 static const double studio__zenith[3] = { 0.60, 0.63, 0.68 };  /* radiance at the zenith */
 static const double studio__ground[3] = { 0.205, 0.2, 0.19 };  /* albedo */
-static const double studio__lamp[3] = { 0.80, 0.77, 0.72 };    /* R of a surface that faces the lamp at half the view */
+static const double studio__lamp[3] = { 0.80, 0.77, 0.72 };    /* R of a surface that faces the lamp, at half the
+                                                                  distance of the surfaces in view */
 #define STUDIO__SUN_HEIGHT 0.75  /* sine of the elevation of the sun */
-#define STUDIO__SUN_LEFT 0.9     /* angle from the direction behind the camera, seen from above */
+#define STUDIO__SUN_LEFT 0.9     /* radians from the direction behind the camera to the sun, seen from above */
 #define STUDIO__SUN_ANGLE 8.0f   /* angular diameter in degrees, which makes soft shadows */
 
 typedef struct studio {

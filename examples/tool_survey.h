@@ -33,9 +33,9 @@ enum {
     SURVEY__WAYS = 12,     /* horizontal directions in which views are tried from each point of a room */
     SURVEY__AROUND = 8,    /* compass directions from which the scene is viewed from outside, each at two elevations */
     SURVEY__OUTSIDE = 2 * SURVEY__AROUND,
-    SURVEY__REPEATS = 4,   /* readings per outside direction, because the scene fills only part of each */
+    SURVEY__REPEATS = 4,   /* readings per outside direction; several, because many rays miss the scene */
     SURVEY__SITES = SURVEY__POINTS * SURVEY__WAYS,
-    SURVEY__RAYS = 32
+    SURVEY__RAYS = 32      /* rays of each reading */
 };
 
 /* Thresholds that separate the cases. Real scenes differ from them by a wide margin on both sides. */

@@ -80,7 +80,7 @@ static void steps_leave(const sbl_context *context, int preview) {
     steps.count++;
 }
 
-/* Updates the longest time of another kind of call. start: time when the call began */
+/* Raises *longest to the seconds since `start`, when a call began, if they are more. */
 static void steps_note(double *longest, double start) {
     const double seconds = steps__clock(CLOCK_MONOTONIC) - start;
     if (seconds > *longest) *longest = seconds;

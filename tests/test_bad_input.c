@@ -902,7 +902,7 @@ TEST(picture_desc) {
         BAD_PICTURE((identity(d.world_to_view), d.world_to_view[i] += 0.5f), "world_to_view", "rigid");
     BAD_PICTURE((identity(d.world_to_view), d.world_to_view[0] = -1), "world_to_view", "rigid");  /* mirrored */
     BAD_PICTURE((identity(d.world_to_view), d.world_to_view[4] = 0.5f), "world_to_view", "rigid");  /* sheared */
-    BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* would look along +z */
+    BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* looks along +z */
     BAD_PICTURE(d.view_to_clip[0] = 0, "view_to_clip", NULL);
     BAD_PICTURE(d.view_to_clip[5] = 0, "view_to_clip", NULL);
     BAD_PICTURE(d.view_to_clip[15] = 1, "view_to_clip", NULL);   /* neither perspective nor orthographic */

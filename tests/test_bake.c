@@ -328,7 +328,7 @@ TEST(probes_hold_the_lamps_light) {
 
 /* With --ao, each texel of the floor shows the share of the sky that the lamp does not cover, and no occlusion, because
    no surface is closer than 1. The light and the stored light equal those of a bake without --ao. */
-TEST(occlusion_beside_the_light) {
+TEST(ao_and_sky_maps) {
     static const char *const names[2] = { "occluded/sky.png", "occluded/ao.png" };
     int file, x, y, wide, high, parts;
     write_scene("room.gltf", apart, 1);
@@ -361,7 +361,7 @@ TEST(occlusion_beside_the_light) {
     } while (0)
 
 /* Each wrong command line gives its exit status and one line that names the mistake. */
-TEST(what_is_wrong_is_said) {
+TEST(wrong_command_lines_are_refused) {
     write_scene("room.gltf", apart, 1);
     write_scene("plain.gltf", apart, 0);
     write_text("file", "x");
@@ -665,7 +665,7 @@ TEST(interrupted) {
 /* ---- drawing the lightmap in a host ---- */
 
 /* Seen from above, host_lightmap draws the light of the map on the floor; a pixel is as large as a texel. */
-TEST(a_host_draws_it) {
+TEST(host_lightmap_draws_the_map) {
     picture drawn;
     double worst = 0;
     int x, y, seen = 0;
@@ -754,7 +754,7 @@ static void write_closed_room(void) {
 }
 
 /* From outside, only the back faces of the walls would be visible, so host_lightmap must place its camera inside. */
-TEST(a_host_walks_inside) {
+TEST(host_lightmap_starts_inside_a_room) {
     unsigned char *png;
     int width = 0, height = 0, channels, i, dark = 0;
     write_closed_room();
@@ -780,8 +780,8 @@ int main(int argc, char **argv) {
     RUN(overlaps_are_shown);
     RUN(vertices_fit_lamberts_light);
     RUN(probes_hold_the_lamps_light);
-    RUN(occlusion_beside_the_light);
-    RUN(what_is_wrong_is_said);
+    RUN(ao_and_sky_maps);
+    RUN(wrong_command_lines_are_refused);
     RUN(groups_have_maps);
     RUN(groups_of_green_lamps);
     RUN(groups_at_vertices);
@@ -790,8 +790,8 @@ int main(int argc, char **argv) {
     RUN(options_without_effect_are_named);
     RUN(a_full_disk_is_said);
     RUN(interrupted);
-    RUN(a_host_draws_it);
-    RUN(a_host_walks_inside);
+    RUN(host_lightmap_draws_the_map);
+    RUN(host_lightmap_starts_inside_a_room);
     tool_end();
     return test_report();
 }

@@ -442,7 +442,8 @@ static void check_furnace_picture(double rho, int kind) {
     free(final);
 }
 
-/* Boxes and spheres of four albedos have R = 1 everywhere, in readings and in pictures. */
+/* Closed boxes and spheres, whose surfaces have one of four albedos and emit 1 - albedo, have R = 1 everywhere inside,
+   in readings and in pictures. */
 TEST(furnaces) {
     static const float albedos[] = { 0.2f, 0.5f, 0.8f, 0.95f };
     int kind, i, raster;
@@ -1369,7 +1370,7 @@ static size_t saved_get(void *data, size_t bytes, void *user) {
 /* In a furnace, where R is 1 everywhere, the draw callback draws a cube that emits what it does not reflect. The cube
    then looks like the walls, so that R stays 1. Below a sun, the callback is told the light that reaches the sides of
    the cube. A saved store includes this light, and is refused if the geometry is drawn elsewhere. */
-TEST(drawn_things_are_told_their_light) {
+TEST(draw_callback_receives_the_ambient_light) {
     test_scene s = { 0 };
     sbl_scene_desc scene;
     const int m = furnace_material(&s, 0.5f);
@@ -1582,7 +1583,8 @@ static double worst_below_patch(double half) {
     return worst / light_of_patch(half, sites[4].position);
 }
 
-/* Few rays find a small bright place by chance, so it must be a lamp. A saved store knows it, too. */
+/* Few rays find a small bright place by chance, so it must be a lamp. A store that is saved and loaded
+   still gives the same light. */
 TEST(a_small_bright_place) {
     static const double halves[] = { 0.02, 0.1, 0.3 };
     static sbl_reading first[MOST_SITES];
@@ -1786,7 +1788,7 @@ int main(void) {
     RUN_PLAIN(more_sides_than_samples);
     RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
-    RUN(drawn_things_are_told_their_light);
+    RUN(draw_callback_receives_the_ambient_light);
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);

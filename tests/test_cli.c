@@ -312,7 +312,7 @@ TEST(gltf_materials_and_camera) { wall_gltf("wall.gltf", 0); check_gltf("wall.gl
 TEST(glb_materials_and_camera) { wall_gltf("wall.glb", 1); check_gltf("wall.glb"); }
 
 /* Every instance of a mesh has its own id. */
-TEST(ids_are_of_uses_of_meshes) {
+TEST(each_use_of_a_mesh_has_an_id) {
     picture id;
     int cell, other;
     wall_gltf("wall.glb", 1);
@@ -610,8 +610,6 @@ TEST(the_cornell_box_is_seen_from_its_open_side) {
 
 /* >>outputs */
 
-/* A room with one lamp over a floor, in front of a wall. The .obj file also has numbers without a zero before the
-   point. */
 /* A .png holds the values of the .pfm with exposure and sRGB encoding applied. */
 TEST(png_is_the_encoded_pfm) {
     picture p;
@@ -1081,7 +1079,7 @@ TEST(a_sensor_can_be_inspected) {
 }
 
 /* In sbl.h a zero means the default; on the command line a zero means zero. */
-TEST(zero_is_zero) {
+TEST(zero_options_mean_zero) {
     picture direct, dark, glow, raw, smooth;
     char text[8192];
     double all, usual;
@@ -1185,8 +1183,8 @@ static double lamp_at(double x, double y, double z, const double p[3]) {
     return (y - p[1]) / sqrt(d2) / (acos(-1.0) * d2);
 }
 
-/* The same for a spot light, which has full intensity inside the inner angle and none outside the outer angle. Both
-   angles are measured from the axis, in radians. */
+/* Returns the same as lamp_at for a spot light. It has full intensity inside the inner angle and none outside the outer
+   angle. Both angles are measured from the axis, in radians. */
 static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer,
                       const double p[3]) {
     const double to[3] = { p[0] - x, p[1] - y, p[2] - z };
@@ -1885,7 +1883,7 @@ TEST(a_sensor_may_meet_nothing) {
 /* >>failures */
 
 /* Wrong command lines give exit status 2 and one line on stderr, and no picture is written. */
-TEST(bad_usage_is_two) {
+TEST(wrong_usage_gives_status_2) {
     static const char *const lines[][6] = { { NULL },
                                             { "--size" },
                                             { "room.obj", "--size", "0x5" },
@@ -1976,7 +1974,7 @@ static void check_refused(const char *what, const char *words) {
 }
 
 /* Failures at run time give exit status 1 and one line that names the file. */
-TEST(failures_are_one) {
+TEST(failures_give_status_1) {
     room_obj();
     TOOL("absent.obj", "-o", "refused.png"); check_refused("no scene", "absent.obj: No such file");
     TOOL(".", "-o", "refused.png"); check_refused("a folder", "directory");
@@ -2427,7 +2425,7 @@ TEST(softpipe_finishes_the_cornell_box) {
 static void use_stuck_driver(void) { setenv("LD_PRELOAD", "./stuck.so", 1); }
 
 /* One signal ends the tool within 10 s, even if the driver never returns. */
-TEST(a_signal_ends_what_the_driver_does_not) {
+TEST(a_signal_ends_a_stuck_driver) {
     static const char *const source = "#include <unistd.h>\n"
         "unsigned eglInitialize(void *d, int *a, int *b) { for (;;) { write(2, \"stuck\", 5); pause(); } }\n";
     char text[4096] = "", command[512];
@@ -2487,12 +2485,12 @@ int main(int argc, char **argv) {
     RUN(messages_show_what_values_look_like);
     RUN_PLAIN(options_without_effect_are_named);
     RUN(choices_are_printed);
-    RUN(bad_usage_is_two);
-    RUN(failures_are_one);
+    RUN(wrong_usage_gives_status_2);
+    RUN(failures_give_status_1);
     RUN(obj_materials_and_textures);
     RUN(gltf_materials_and_camera);
     RUN(glb_materials_and_camera);
-    RUN(ids_are_of_uses_of_meshes);
+    RUN(each_use_of_a_mesh_has_an_id);
     RUN(blenders_first_camera_is_not_used_inside);
     RUN(options_override_the_files_camera);
     RUN(without_a_camera_the_scene_is_framed);
@@ -2516,7 +2514,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(coarse_stores);
     RUN(stores_are_never_lost);
     RUN(a_sensor_can_be_inspected);
-    RUN_PLAIN(zero_is_zero);
+    RUN_PLAIN(zero_options_mean_zero);
     RUN_PLAIN(facet_limit_zero_is_zero);
     RUN(old_names_of_options);
     RUN(lights_of_a_gltf_scene);
@@ -2542,7 +2540,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(a_lit_object_has_a_backdrop);
     RUN(the_cornell_box_of_the_repository);
     RUN_PLAIN(softpipe_finishes_the_cornell_box);
-    RUN_PLAIN(a_signal_ends_what_the_driver_does_not);
+    RUN_PLAIN(a_signal_ends_a_stuck_driver);
     tool_end();
     return test_report();
 }

@@ -165,7 +165,7 @@ static void free_cube(cube *c) {
     memset(c, 0, sizeof *c);
 }
 
-/* Reads a file according to its specification. Returns 1 if it is such a cube map. */
+/* Reads a .ktx2 file as the specification of KTX 2.0 describes it. Returns 1 if it is a cube map of half floats. */
 static int read_ktx2(const char *name, cube *c) {
     static const char mark[] = "\253KTX 20\273\r\n\032\n";
     static unsigned char bytes[1 << 20];
@@ -256,7 +256,7 @@ static void ask_directions(float *questions, int count, int levels) {
 
 /* Writes, reads and samples a cube map whose colours are 1 + the direction. In every level, also across the edges of
    faces, GL returns the direction that it samples, so that edges are invisible. */
-TEST(files_are_what_gl_samples) {
+TEST(gl_samples_the_written_cube_map) {
     enum { SIZE = 32, LEVELS = 4, COUNT = 512 };
     static float values[LEVELS][3 * 6 * SIZE * SIZE], questions[8 * COUNT], answers[4 * COUNT];
     const float *levels[LEVELS];
@@ -299,8 +299,8 @@ TEST(files_are_what_gl_samples) {
 
 /* ---- comparison with cmgen ---- */
 
-/* Reads the red values of a face that cmgen has written as .psd: planes of big-endian floats, red first. (Its .dds of
-   four floats holds 3 everywhere.) */
+/* Reads the red values of a face that cmgen has written as .psd: planes of big-endian floats, red first. (A .dds of
+   four floats from cmgen is of no use, because all its values are 3.) */
 static int read_psd(const char *name, int side, float *out) {
     static unsigned char bytes[1 << 17];
     FILE *in = fopen(in_folder(name), "rb");
@@ -514,7 +514,7 @@ TEST(outdoors) {
     free_cube(&c);
 }
 
-TEST(what_is_wrong_is_said) {
+TEST(wrong_command_lines_are_refused) {
     write_text("file", "x");
     REFUSED(2, "--cubemaps 2", "glow.obj", "--cubemaps", "2", "-o", "no");
     REFUSED(2, "power of two", "glow.obj", "--cubemaps", "1x1x1", "--cubemap-size", "48", "-o", "no");
@@ -534,11 +534,11 @@ int main(int argc, char **argv) {
     RUN(closed_forms);
     RUN_UNSANITIZED(sums_of_texels);
     RUN(half_floats);
-    RUN(files_are_what_gl_samples);
+    RUN(gl_samples_the_written_cube_map);
     RUN_UNSANITIZED(cmgen_agrees);
     RUN(texels_show_what_rays_meet);
     RUN(outdoors);
-    RUN(what_is_wrong_is_said);
+    RUN(wrong_command_lines_are_refused);
     tool_end();
     return test_report();
 }

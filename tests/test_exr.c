@@ -33,8 +33,8 @@ static int read_chunk(const char *path, float *values) {
     return ok;
 }
 
-/* Compressed noise that is partly constant has about the length of the uncompressed data, and in some of these pictures
-   exactly this length. */
+/* OpenEXR reads the values that were written, even where compression does not shorten the data. Noise that is partly
+   constant has about the same length when compressed, and in some of these pictures exactly the same length. */
 TEST(noise) {
     static float written[FLOATS], got[FLOATS];
     char path[] = "/tmp/sbl_exr_XXXXXX";

@@ -95,7 +95,7 @@ TEST(the_newest_map_is_drawn) {
 }
 
 /* Harmonics are written in the formats that can store negative values. */
-TEST(harmonics_have_signs) {
+TEST(harmonics_need_negative_values) {
     write_scene("room.gltf", apart, 1);
     CHECK(TOOL(DIRECT, "--directional", "--formats", "hdr,rgbm", "-o", "no") == 2 && said("hold no negative numbers") &&
           !exists("no"), "%s", ran.err);
@@ -256,7 +256,7 @@ TEST(glass_is_transparent_in_lit_scenes) {
 }
 
 /* Values that are too large for 16-bit floats are lowered to finite ones, and a message says how to keep them. */
-TEST(too_bright_is_said) {
+TEST(too_large_values_are_reported) {
     picture light;
     write_scene("room.gltf", apart, 1);
     CHECK(TOOL(DIRECT, "--sky", "1e6,1e6,1e6", "--formats", IF_EXR("ktx2,rgbm,hdr"), "-o", "bright") == 0 &&
@@ -297,7 +297,7 @@ TEST(a_full_disk_leaves_nothing) {
 }
 
 /* Files that cannot be written are reported before the work. */
-TEST(what_is_in_the_way_is_known_before) {
+TEST(unwritable_files_are_reported_before_the_work) {
     write_scene("room.gltf", apart, 1);
     mkdir(in_folder("way"), 0777);
     mkdir(in_folder("way/atlas.ktx2"), 0777);
@@ -412,15 +412,15 @@ int main(int argc, char **argv) {
     tool_use("sbl_bake");
     RUN(all_formats_hold_the_light);
     RUN(the_newest_map_is_drawn);
-    RUN(harmonics_have_signs);
+    RUN(harmonics_need_negative_values);
     RUN(wrong_formats_are_refused);
     RUN(rgbm_keeps_the_brightest);
     RUN(strange_values_become_finite);
     RUN(ktx2_describes_its_channels);
     RUN(glass_is_transparent_in_lit_scenes);
-    RUN(too_bright_is_said);
+    RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);
-    RUN(what_is_in_the_way_is_known_before);
+    RUN(unwritable_files_are_reported_before_the_work);
     RUN(joined_maps_have_formats);
     RUN(a_lit_scene_shows_the_light);
     tool_end();

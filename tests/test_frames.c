@@ -272,7 +272,7 @@ TEST(hostile_cameras_are_refused) {
 }
 
 /* Contradictory options are refused. */
-TEST(options_that_cannot_be) {
+TEST(contradictory_options_are_refused) {
     static const char *const ranges[] = { "0", "0-2", "3-2", "a", "1-", "-1", "1-2x", "1,2", "1-100001",
         "99999999999999999999", "4-6", "" };
     size_t i;
@@ -455,7 +455,7 @@ TEST(an_animated_camera_turns) {
 }
 
 /* Unsupported animations are refused. */
-TEST(animations_that_cannot_be) {
+TEST(unsupported_animations_are_refused) {
     static const float spline[9] = { 0 };
     static const float zero[3] = { 0, 0, 0 }, nowhere[3] = { NAN, INFINITY, 1e30f };
     if (!has_cjson()) SKIP("built without cJSON");
@@ -485,12 +485,12 @@ int main(int argc, char **argv) {
     RUN(statistics_are_sums);
     RUN(wrong_cameras_are_refused);
     RUN(hostile_cameras_are_refused);
-    RUN(options_that_cannot_be);
+    RUN(contradictory_options_are_refused);
     RUN(a_frame_that_cannot_be_written_ends_the_run);
     RUN(interrupted_sequences_go_on);
     RUN(an_animated_camera_moves);
     RUN(an_animated_camera_turns);
-    RUN(animations_that_cannot_be);
+    RUN(unsupported_animations_are_refused);
     tool_end();
     return test_report();
 }

@@ -58,7 +58,7 @@ static sbl_readings_desc gather_as(const sbl_picture_desc *view, const sbl_site 
 }
 
 /* Readings at the sites of the sensors of a picture equal its R, in all modes and back ends. */
-TEST(finds_what_the_picture_found) {
+TEST(readings_equal_the_picture) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[] = {
         { SBL_MODE_DIRECT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE },
         { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER }, { SBL_MODE_PAPER, SBL_BACKEND_RASTER } };
@@ -562,7 +562,7 @@ TEST(memory_runs_out) {
 }
 
 int main(void) {
-    RUN_UNSANITIZED(finds_what_the_picture_found);
+    RUN_UNSANITIZED(readings_equal_the_picture);
     RUN(sky_and_lights);
     RUN(distances_to_a_disc);
     RUN(lamps_and_noise);

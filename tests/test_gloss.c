@@ -953,7 +953,7 @@ TEST(furnace_of_a_room) {
     int kind, i;
     for (kind = 0; kind < 5; kind++) {
         test_scene s = { 0 };
-        const int metal = kind < 2 || kind == 3, lit = kind == 1;  /* 1: the walls reflect half of their light */
+        const int metal = kind < 2 || kind == 3, lit = kind == 1;  /* lit: 0: walls emit 1; 1: 0.5 */
         const double roughness = kind == 3 ? 0.6 : kind == 4 ? 0.3 : 0.1;
         const int walls = lit ? scene_material(&s, 0.5f, 0.5f, 0.5f) : scene_lamp(&s, 1, 1, 1);
         const int body = scene_gloss(&s, 1, 1, 1, metal, roughness);
@@ -1157,7 +1157,7 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
 }
 
 /* A floor that sees a bright place only by way of metal gets the same light, whether the place is lit or emits as much
-   itself. Metal that is half there reflects half. */
+   itself. Metal with a coverage of one half reflects half. */
 TEST(bright_places_are_seen_by_way_of_metal) {
     double lit = 0, emits, glows, half;
     int i;

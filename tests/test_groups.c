@@ -683,7 +683,7 @@ TEST(mistakes_with_groups) {
 
 /* The estimate of the memory of a lightmap includes the amounts that ON LIGHT GROUPS states for texels and for the
    store. */
-TEST(groups_need_what_is_told) {
+TEST(memory_of_groups_is_as_documented) {
     enum { TOLD = 44, CELL = 12 + 16 + 4 * 24, SMALL = 32, LARGE = 1024 };  /* a cell has up to 4 points at first */
     double need[2][2][3];
     int grouped, gi, size;
@@ -789,7 +789,7 @@ int main(void) {
     RUN(saved_stores_have_groups);
     RUN(lights_change_groups);
     RUN(mistakes_with_groups);
-    RUN(groups_need_what_is_told);
+    RUN(memory_of_groups_is_as_documented);
     RUN(memory_is_foretold);
     RUN(memory_runs_out);
     scene_free(&s);

@@ -211,7 +211,7 @@ TEST(the_picture_is_the_same) {
 
 /* A target error of 4 % takes few rays with guides; without them it would take five times as many. A scene with uniform
    light has no guides. */
-TEST(few_rays_do) {
+TEST(guides_save_rays) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of();
     sbl_context *context = watch_context(&seen, &desc, &dark_room);
@@ -266,7 +266,7 @@ TEST(looks_grow) {
 /* A guide may be shared between two sensors only if their tangent frames nearly agree, because a guide stores azimuths
    relative to the tangent. sbl__frame flips the tangent across a plane, so normals on opposite sides of it cannot share
    a guide. */
-TEST(guides_serve_their_like) {
+TEST(guides_are_shared_by_like_frames) {
     static const struct { float normal[3]; int serves; } others[] = {
         { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 },
         { { 0, 1, 0 }, 0 } };
@@ -446,10 +446,10 @@ int main(void) {
     RUN(densities_follow_roots);
     RUN_PLAIN(rays_go_through_the_hole);
     RUN_PLAIN(the_picture_is_the_same);
-    RUN_PLAIN(few_rays_do);
+    RUN_PLAIN(guides_save_rays);
     RUN_PLAIN(looks_grow);
     RUN(noisy_looks_need_guides);
-    RUN(guides_serve_their_like);
+    RUN(guides_are_shared_by_like_frames);
     RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);

@@ -895,7 +895,7 @@ TEST(every_field_is_checked) {
     scene_free(&s);
 }
 
-/* Of two meshes, only the selected one is baked. */
+/* Only the selected one of two meshes is baked. */
 TEST(meshes_are_chosen) {
     static test_scene s;
     static const int second = 1;

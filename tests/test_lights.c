@@ -327,9 +327,9 @@ TEST(spot_cones) {
         }
 }
 
-/* Of 600 spotlights, more than a look has entries, every other one is a thousand times as strong and faces away. Rays
-   must go to those that light the floor. */
-TEST(spots_that_look_away) {
+/* There are 600 spotlights, which is more than a look has entries. Every other one is a thousand times as strong, but
+   faces away from the floor. Rays must go to those that light the floor. */
+TEST(spots_that_face_away) {
     enum { SPOTS = 600 };
     static test_scene s;
     sbl_picture_desc view = patch(32, 1, 4.0 / 32, 0, 0, 1);
@@ -1245,7 +1245,7 @@ TEST(energy_from_afar) {
 }
 
 /* In SBL_MODE_PAPER, only emitting surfaces give light; sbl_lights and the environment give none. */
-TEST(none_of_it_in_paper_mode) {
+TEST(only_surfaces_emit_in_paper_mode) {
     test_scene s = { 0 };
     sbl_picture_desc view = patch(4, 3, 0.5, 0, 0, 1);
     add_floor(&s);
@@ -1314,7 +1314,7 @@ int main(void) {
     RUN(fully_visible_default_settings);
     RUN(fully_visible_raster);
     RUN(spot_cones);
-    RUN(spots_that_look_away);
+    RUN(spots_that_face_away);
     RUN(disc_and_sphere_overhead);
     RUN(half_covered_single_looks);
     RUN(half_covered_default_settings);
@@ -1330,7 +1330,7 @@ int main(void) {
     RUN(no_acne);
     RUN(energy_in_a_box);
     RUN(energy_from_afar);
-    RUN(none_of_it_in_paper_mode);
+    RUN(only_surfaces_emit_in_paper_mode);
     RUN(few_rays_that_differ_are_not_lost);
     sbl_destroy(context);
     return test_report();

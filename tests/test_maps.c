@@ -128,7 +128,7 @@ static void read_json(const char *name) {
     read_text(in_folder(name), text, sizeof text, &lines);
 }
 
-TEST(the_table_tells_the_places) {
+TEST(maps_json_lists_nodes_and_maps) {
     if (!make_room()) SKIP("built without cJSON");
     CHECK(TOOL(DIRECT, "--formats", "pfm,rgbm", "--quiet", "--lit", "0", "-o", "table") == 0, "%s", ran.err);
     read_json("table/maps.json");
@@ -231,7 +231,7 @@ int main(int argc, char **argv) {
     tool_use("sbl_bake");
     RUN_UNSANITIZED(maps_are_those_of_their_own_runs);
     RUN(groups_of_maps);
-    RUN(the_table_tells_the_places);
+    RUN(maps_json_lists_nodes_and_maps);
     RUN(materials_refer_to_their_maps);
     RUN(some_need_one_map);
     RUN(killed_runs_go_on);

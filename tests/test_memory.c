@@ -39,7 +39,7 @@ static double most_held(sbl_context *context) {
 
 /* The estimate for a picture is never too small. If the pixels need most of the memory, the estimate is not much too
    large. */
-TEST(pictures_need_what_is_foretold) {
+TEST(memory_of_pictures_is_predicted) {
     static const struct { int side, window, tile; sbl_mode mode; sbl_preset preset; double least; } cases[] = {
         { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.6 },
         { 1024, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DEFAULT, 0.7 },
@@ -93,7 +93,7 @@ TEST(pictures_need_250_bytes_per_pixel) {
 }
 
 /* The estimate for a lightmap is not too small and not much too large. */
-TEST(lightmaps_need_what_is_foretold) {
+TEST(memory_of_lightmaps_is_predicted) {
     static const float corners[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
     int directional;
     for (directional = 0; directional < 2; directional++) {
@@ -255,9 +255,9 @@ TEST(fingerprints_tell_scenes_apart) {
 
 int main(void) {
     scene_cornell_box(&cornell);
-    RUN_PLAIN(pictures_need_what_is_foretold);
+    RUN_PLAIN(memory_of_pictures_is_predicted);
     RUN_PLAIN(pictures_need_250_bytes_per_pixel);
-    RUN(lightmaps_need_what_is_foretold);
+    RUN(memory_of_lightmaps_is_predicted);
     RUN(the_budget_is_kept);
     RUN(a_used_up_budget_is_an_error);
     RUN(fingerprints_tell_scenes_apart);

@@ -72,8 +72,8 @@ static double png_off(const char *one, const char *other) {
     return sum[0] && sum[1] ? off / (3.0 * 48 * 32) : 1000;
 }
 
-/* A .png of parts that hold what a screen shows looks like the one that is made at once; so does one of errors, which
-   a .png shows raised. */
+/* A .png that is joined from parts with the display channel looks like a .png that is made at once. The same is true of
+   the error channel, which a .png shows brighter. */
 TEST(parts_make_a_png) {
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "-o", "whole.png", "--exposure", "1") == 0, "%s", ran.err);
@@ -256,7 +256,7 @@ TEST(oiiotool_joins_parts) {
 }
 
 /* Invalid values of --part and --output are refused. */
-TEST(parts_that_cannot_be) {
+TEST(invalid_parts_are_refused) {
     static const char *const wrong[] = { "0/3", "4/3", "1/0", "1/10001", "1", "1/", "/3", "a/3", "1/3x", "-1/3",
         "auto/" };
     size_t i;
@@ -392,7 +392,7 @@ int main(int argc, char **argv) {
     RUN(windows_are_joined);
     RUN_PLAIN(drivers_may_differ);
     RUN_PLAIN(oiiotool_joins_parts);
-    RUN(parts_that_cannot_be);
+    RUN(invalid_parts_are_refused);
     RUN(killed_runs_go_on);
     RUN(large_surfaces);
     RUN_PLAIN(finished_windows_are_checked);

@@ -348,7 +348,7 @@ TEST(wrong_vertices_are_refused) {
 }
 
 /* Invalid values of --part and --output are refused. */
-TEST(parts_that_cannot_be) {
+TEST(invalid_parts_are_refused) {
 #define CANNOT(words, ...) do {                                                                            \
         CHECK(BAKE(__VA_ARGS__) == 2 && said(words) && ran.err_lines == 1, "%s: %d, %s", words, ran.status, ran.err); \
     } while (0)
@@ -421,7 +421,7 @@ int main(int argc, char **argv) {
     RUN(wrong_probes_are_refused);
     RUN(the_form_of_probes_is_checked);
     RUN(wrong_vertices_are_refused);
-    RUN(parts_that_cannot_be);
+    RUN(invalid_parts_are_refused);
     RUN_PLAIN(drivers_may_differ);
     RUN(no_half_files);
     tool_end();

@@ -163,7 +163,7 @@ TEST(planted_links_are_not_written_through) {
 }
 
 /* An output name of the greatest length works, although names of temporary files are derived from it. */
-TEST(names_may_be_as_long_as_they_can) {
+TEST(the_longest_file_name_works) {
     char name[256];
     memset(name, 'x', sizeof name);
     strcpy(name + 251, ".png");
@@ -571,7 +571,7 @@ int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
     RUN(planted_links_are_not_written_through);
-    RUN(names_may_be_as_long_as_they_can);
+    RUN(the_longest_file_name_works);
     RUN(permissions_are_kept);
     RUN(links_stay);
     RUN(devices_and_pipes_are_written_to);

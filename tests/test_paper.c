@@ -265,9 +265,9 @@ TEST(filter_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* In the paper's mode the view of the top face sees 0.877 of the sky. The view of the front face, with normal +z, sees
-   the sky in the texels above the horizon. Equation 4 uses the size of a texel at one of its corners; therefore the
-   front face does not get exactly half of this. */
+/* The top and the front of a step have different ids, so the paper's filter must not mix their light. The view of a
+   sensor on the top sees 0.877 of the sky. On the front, whose normal is +z, it sees the sky in the texels above the
+   horizon. This is not exactly half of 0.877, because equation 4 uses the size of a texel at one of its corners. */
 TEST(paper_filter_stays_on_its_id) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);

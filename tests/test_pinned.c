@@ -162,7 +162,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
 };
 
 /* The hashes of all pictures equal those stored for this renderer. */
-TEST(pictures_are_the_same_as_ever) {
+TEST(pictures_match_their_stored_hashes) {
     const sbl_capabilities c = sbl_query_capabilities(context);
     pin_case cases[PINS];
     uint64_t hashes[PINS];
@@ -195,7 +195,7 @@ TEST(pictures_are_the_same_as_ever) {
 
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
-    RUN(pictures_are_the_same_as_ever);
+    RUN(pictures_match_their_stored_hashes);
     sbl_destroy(context);
     return test_report();
 }

@@ -4,7 +4,8 @@
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
-static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }  /* used by picture_file.h */
+/* gltf_file.h calls to_byte, which the tools get from picture_file.h. */
+static unsigned char to_byte(double x) { return (unsigned char)(255 * x + 0.5); }
 #include "../examples/gltf_file.h"
 #include "support/test.h"
 #include <sys/inotify.h>
@@ -112,7 +113,7 @@ static void listen_to(const char *path, const char *message, void *user) {
 
 /* A reader can open files in the folder of the scene and nothing else: no other files, sockets, processes or executable
    memory. */
-TEST(it_sees_nothing_else) {
+TEST(reader_opens_only_the_scene_folder) {
     scene_file_options options;
     scene_file *file;
     if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
@@ -159,7 +160,7 @@ static void read_outside(scene_file *file, const char *path, scene__bytes *bytes
 }
 
 /* Without Landlock and seccomp the scene is still read, and a message says that they are missing. */
-TEST(an_older_kernel_is_told_of) {
+TEST(a_missing_sandbox_is_reported) {
     scene_file_options options;
     int status = -1;
     pid_t child;
@@ -267,7 +268,7 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
 
 /* Each of 27 inconsistent values in the shared memory makes reading fail. Pointers to functions and names of GL objects
    are set to 0. */
-TEST(lies_are_not_believed) {
+TEST(inconsistent_shared_values_are_refused) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
@@ -383,7 +384,7 @@ static scene_file *read_back(const char *name, int all_matte) {
     return scene_file_load(in_folder(name), &options, error, sizeof error);
 }
 
-/* Returns the material of the triangle with index `number`. */
+/* Returns the material of the mesh with index `number`. */
 static const sbl_material *material_of(const scene_file *file, int number) {
     return &file->scene.materials[file->scene.meshes[number].material];
 }
@@ -1292,7 +1293,8 @@ static void take_the_rest(scene_file *file, const char *path, scene__bytes *byte
     take_all(file, path, bytes);
 }
 
-/* A reader that allocates or shares more memory than the limit fails with a message. */
+/* A reader can allocate only as much memory as the limit, less what it shares with the program that started it. A
+   reader that shares more than the limit fails with a message. */
 TEST(memory_is_limited) {
     scene_file_options options;
     scene_file *file;
@@ -1318,7 +1320,7 @@ TEST(memory_is_limited) {
     scene_file_free(file);
 }
 
-/* Shared pages that are no longer used are released. */
+/* Shared pages that the reader did not use are released. */
 TEST(shared_pages_are_limited) {
     scene_file_options options;
     scene_file *file;
@@ -1395,9 +1397,9 @@ int main(void) {
     notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",
         folder); return 1; }
-    RUN(it_sees_nothing_else);
-    RUN(an_older_kernel_is_told_of);
-    RUN(lies_are_not_believed);
+    RUN(reader_opens_only_the_scene_folder);
+    RUN(a_missing_sandbox_is_reported);
+    RUN(inconsistent_shared_values_are_refused);
     RUN(a_broken_picture_is_opened_once);
     RUN(gloss_of_gltf);
     RUN(textures_of_metal);

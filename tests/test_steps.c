@@ -409,7 +409,7 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_programs(context);
-    /* those of the section >>trial */
+    /* sbl_create compiles only the programs of the section >>trial of sbl.h */
     CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {

@@ -140,7 +140,7 @@ static int measure_lamps(int others, sbl_reading readings[SITES]) {
 /* A change of lamps changes the light without new rays between surfaces. The leaves stay divided as for the first
    lamps; therefore the light is only close to that of a new context. It does not depend on the lamps between the first
    ones and the current ones. */
-TEST(lamps_change_what_surfaces_fixed_stays) {
+TEST(new_lamps_keep_the_rays_of_the_store) {
     static sbl_reading before[SITES], after[SITES], first[SITES], again[SITES], fresh[SITES];
     make_room(&scene);
     first_lamp.emission = scene.materials[LAMP].emission[0];
@@ -386,7 +386,7 @@ TEST(parts_that_differ_are_named) {
 
 /* Light that was made with fewer cells than the scene allows is loaded with a warning. It is saved with its own number
    of cells. */
-TEST(coarse_light_is_told) {
+TEST(a_store_with_few_cells_causes_a_warning) {
     static sbl_reading made[SITES];
     sbl_scene_desc desc;
     int i;
@@ -607,14 +607,14 @@ TEST(pictures_of_the_store) {
 }
 
 int main(void) {
-    RUN(lamps_change_what_surfaces_fixed_stays);
+    RUN(new_lamps_keep_the_rays_of_the_store);
     RUN(surfaces_change);
     RUN(refused_changes_change_nothing);
     RUN(the_end_frees_rays);
     RUN(saved_and_loaded);
     RUN(streams_that_are_refused);
     RUN(parts_that_differ_are_named);
-    RUN(coarse_light_is_told);
+    RUN(a_store_with_few_cells_causes_a_warning);
     RUN(more_triangles_get_more_cells);
     RUN(forged_values_are_refused);
     RUN(forged_streams_do_no_harm);

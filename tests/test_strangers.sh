@@ -143,7 +143,7 @@ for scene in buffer_inside.gltf buffer_home.gltf texture_inside.obj texture_move
     check "${scene%.*}_is_read_through_a_link" renders "$folder/again/$scene"
     check "${scene%.*}_is_read_from_here" here renders "$scene"
 done
-# without stdin and stdout: the tool must not mistake descriptors of folders for them
+# Without stdin, the first file that the tool opens gets the descriptor 0. The tool must not mistake it for stdin.
 bare_handles() { (renders "$folder/scene/texture_inside.obj" <&-); }
 check without_stdin bare_handles
 # files on the command line may be in any folder

@@ -42,7 +42,7 @@ TEST(zeroes_are_the_same) {
 }
 
 /* Positions of one mesh are compared by value. Equal positions of two meshes are different. */
-TEST(places_are_a_meshs) {
+TEST(positions_of_two_meshes_differ) {
     sbl__vertex v[3];
     sbl__geometry g;
     memset(v, 0, sizeof v);
@@ -266,7 +266,7 @@ static void counted_term(void *calls, int row, const double *direction, double *
 }
 
 /* A solution that is continued from a small residual need not become more accurate than the first one. */
-TEST(a_solution_that_goes_on_is_soon_done) {
+TEST(continued_solutions_stop_early) {
     sbl__slice slice = slice_of(1e-9);
     const double rights[4] = { 1, 1e-2, 1, 1e-5 };
     sbl__solver s;
@@ -583,7 +583,7 @@ TEST(places_that_differ_are_noisy) {
         noise = (double)readings[7].noise;
         CHECK(fabs((double)readings[7].radiance[1] - (round ? 2 : 4.5)) < 1e-6, "the mean is %g",
               (double)readings[7].radiance[1]);
-        /* the middle two differ from their mean by 0.5 */
+        /* the middle quarter of the first eight values is 4 and 5, which differ from their mean by 0.5 */
         CHECK(fabs(noise - (round ? 0.4 : 0.5) / sqrt(8)) < 1e-5, "round %d: the noise is %g", round, noise);
     }
 }
@@ -654,13 +654,13 @@ int main(void) {
     base.allocator.free = give;
     RUN(numbers_are_found_in_order);
     RUN(zeroes_are_the_same);
-    RUN(places_are_a_meshs);
+    RUN(positions_of_two_meshes_differ);
     RUN(sides_are_shared);
     RUN(groups_have_their_least_number);
     RUN(values_spread_ring_by_ring);
     RUN(least_squares_are_solved);
     RUN(channels_are_solved_apart);
-    RUN(a_solution_that_goes_on_is_soon_done);
+    RUN(continued_solutions_stop_early);
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);

@@ -462,7 +462,7 @@ TEST(rays_pass_63_holes) {
 /* A closed white box with ambient light is full of long, thin, white triangles; R is 1. The hierarchy is inefficient
    for such triangles: rays take thousands of iterations, more than some drivers allow. A reading has the right R, or it
    is invalid and a message says so. */
-TEST(slivers_lose_no_ray_unsaid) {
+TEST(lost_rays_are_reported) {
     enum { SLIVERS = 60000 };
     test_scene s = { 0 };
     sbl_scene_desc scene;
@@ -621,7 +621,7 @@ TEST(nasty_triangles) {
         compare_hits(way == 0   ? "copies"
                      : way == 1 ? "copies of either winding"
                                 : "needles",
-                     &s, &view, 100, 200); /* side by side across the room */
+                     &s, &view, 100, 200);
         CHECK(sbl_query_stats(context).scene.triangles == 12 + copies, "%d triangles",
               sbl_query_stats(context).scene.triangles);
         CHECK(way == 2 || inside_node_count(context) < 100, "the hierarchy of copies has %d nodes",
@@ -770,7 +770,7 @@ int main(void) {
     RUN(cutouts_and_hidden_materials);
     RUN_UNSANITIZED(creases_are_tight);
     RUN_UNSANITIZED(rays_pass_63_holes);
-    RUN(slivers_lose_no_ray_unsaid);
+    RUN(lost_rays_are_reported);
     RUN(all_hidden_from_sensors);
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);

@@ -617,7 +617,7 @@ TEST(points_follow_area) {
 
 /* A black box on a floor under the sky extends slightly below the floor. The interpolated light around it is right.
    Vertices below the box get the light of adjacent vertices and do not darken it. */
-TEST(what_is_buried_leaves_no_stain) {
+TEST(buried_vertices_do_not_darken) {
     enum { SIDE = 20, FINE = 200 };
     int average;
     for (average = 0; average < 2; average++) {
@@ -800,7 +800,7 @@ static int cancel(float done, void *user) { calls++; return done >= *(const floa
 
 /* A bake in short time slices equals one in a single call, to the bit. It can be cancelled, and setting another scene
    ends it. A finished picture stays readable during the bake, and its sensors can be inspected. */
-TEST(it_comes_in_pieces) {
+TEST(short_steps_give_the_same_light) {
     static test_scene s;
     static float pieces[3 * 300], picture[2][20 * 20 * 3];
     sbl_vertices_desc desc = desc_of(SBL_MODE_GI);
@@ -945,11 +945,11 @@ int main(void) {
     RUN(meshes_are_chosen);
     RUN(meshes_do_not_depend_on_others);
     RUN(points_follow_area);
-    RUN(what_is_buried_leaves_no_stain);
+    RUN(buried_vertices_do_not_darken);
     RUN(few_points_are_enough);
     RUN(only_backs_are_seen);
     RUN(every_field_is_checked);
-    RUN(it_comes_in_pieces);
+    RUN(short_steps_give_the_same_light);
     RUN(callbacks_and_seeds);
     RUN(memory_runs_out);
     sbl_destroy(context);

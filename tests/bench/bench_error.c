@@ -44,7 +44,7 @@ typedef struct room {
     furnished *made;   /* gloss.made */
     int shines;        /* 1: a room with reflections, where FINAL takes the place of R */
     ref_point points[PIXELS];
-    double light[PIXELS], noise[PIXELS];  /* luminance of the true R; from half of the samples, minus light */
+    double light[PIXELS], noise[PIXELS];  /* luminance of the true R; that of one half of the samples, minus light */
     unsigned char kind[PIXELS];
     double mean;
 } room;
@@ -102,7 +102,8 @@ static void room_truth(const room *r, unsigned seed, picture *full, picture *hal
         halves[1] = other->rgb;
         if (r->shines) gloss_truth_render(&r->gloss, samples, halves);
         else {
-            furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* the same of smaller triangles, for the guide */
+            /* the same room of smaller triangles, which the path tracer needs to guide its rays */
+            furnished *fine = (furnished *)calloc(1, sizeof *fine);
             truth *t;
             if (!fine) abort();
             fine->piece = 0.2;

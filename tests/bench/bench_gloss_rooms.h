@@ -9,7 +9,7 @@
 
 typedef struct gloss_room {
     furnished made;
-    unsigned char smooth[FURNISHED_MESHES];  /* 1: the mesh has interpolated normals */
+    unsigned char smooth[FURNISHED_MESHES];  /* 1: interpolated normals; 2 or more: 2 + 100 times the coverage alpha */
     float *normals, *colors;
     sbl_light lights[4];
 } gloss_room;
@@ -26,7 +26,7 @@ static void gloss_matte(gloss_room *r, double red, double green, double blue) {
     gloss_begin(r, red, green, blue, 0, 0);
 }
 
-/* Plastic, paint, tiles: not metal. roughness below 0.05: a mirror above colour */
+/* Begins an object of plastic, paint or tiles. roughness: below 0.05: a mirror reflection is added to the colour */
 static void gloss_coat(gloss_room *r, double red, double green, double blue, double roughness) {
     sbl_material *m = gloss_begin(r, red, green, blue, 0, 0);
     m->ior = 1.5f;
@@ -44,7 +44,7 @@ static void gloss_glass(gloss_room *r, double transmission) {
     m->transmission = (float)transmission;
 }
 
-/* A pane of which the share `alpha` exists; all its vertices have this alpha. */
+/* Begins a blended pane; alpha: its coverage */
 static void gloss_blended(gloss_room *r, double red, double green, double blue, double alpha) {
     sbl_material *m = gloss_begin(r, red, green, blue, 0, 0);
     m->ior = 1.5f;
@@ -63,7 +63,8 @@ static void gloss_glow(gloss_room *r, double radiance) {
 static void gloss_smooth(gloss_room *r) { r->smooth[r->made.scene.mesh_count - 1] = 1; }
 static void gloss_move(gloss_room *r, double x, double z) { r->made.at[0] = x; r->made.at[2] = z; }
 
-/* A rectangle whose plane is at `at` on an axis; a0, b0, a1, b1: bounds on the next two axes in cyclic order */
+/* Adds a rectangle that is perpendicular to an axis and crosses it at `at`. a0, b0, a1, b1: its bounds on the next two
+   axes in cyclic order, lower ones first */
 static void gloss_plate(gloss_room *r, int axis, double at, double a0, double b0, double a1, double b1) {
     const sbl_material *m = &r->made.materials[r->made.scene.mesh_count - 1];
     const double piece = r->made.piece;
@@ -74,8 +75,8 @@ static void gloss_plate(gloss_room *r, int axis, double at, double a0, double b0
     r->made.piece = piece;
 }
 
-/* A tube along an arc about a centre, from angle `from` to `to`, in the plane that is perpendicular to an axis. radii:
-   of the arc and of the tube */
+/* Adds a tube along an arc about a centre, from angle `from` to `to`, in the plane that is perpendicular to an axis.
+   radii: of the arc and of the tube */
 static void gloss_tube(gloss_room *r, const double centre[3], const double radii[2], double from, double to, int axis) {
     enum { SLICES = 16, STEPS = 20 };
     const int across = axis == 0 ? 2 : 0;  /* the arc lies in the plane of y and this axis */
@@ -96,7 +97,7 @@ static void gloss_tube(gloss_room *r, const double centre[3], const double radii
     gloss_smooth(r);
 }
 
-/* A straight tube of a length along axis 0 or 2. */
+/* Adds a straight tube, which begins at x, y, z and extends by `length` along axis 0 or 2. */
 static void gloss_rod(gloss_room *r, double x, double y, double z, double length, double radius, int axis) {
     enum { SLICES = 16 };
     int j, c;
@@ -134,7 +135,7 @@ static void gloss_box(gloss_room *r, double x0, double y0, double z0, double x1,
     furnished_box(&r->made, x0, y0, z0, x1, y1, z1);
 }
 
-/* The inside of a bowl, and its rim. */
+/* Adds a bowl; y: height of its rim */
 static void gloss_bowl(gloss_room *r, double x, double y, double z, double radius, double depth) {
     double profile[14][2];
     int i;
@@ -160,7 +161,7 @@ static void gloss_camera(gloss_room *r, double x, double y, double z, double ax,
 
 /* >>rooms */
 
-/* A tap: a post, a bent spout towards +z, and two handles. */
+/* Adds a tap: a post, a bent spout towards +z, and two handles. */
 static void gloss_tap(gloss_room *r, double x, double y, double z, double roughness) {
     double centre[3], radii[2] = { 0.08, 0.015 };
     gloss_chrome(r, roughness);
@@ -173,7 +174,7 @@ static void gloss_tap(gloss_room *r, double x, double y, double z, double roughn
     gloss_ball(r, x + 0.09, y + 0.14, z, 0.028);
 }
 
-/* A mirror with a lamp above or beside it; below it a wash-basin and a tap on a cabinet. */
+/* Adds a mirror with a lamp above or beside it, and below it a wash-basin and a tap on a cabinet. */
 static void gloss_vanity(gloss_room *r, double x, double chrome) {
     gloss_metal(r, 0.9, 0.92, 0.91, 0);  /* the mirror */
     gloss_plate(r, 2, 0.015, x - 0.5, 1.05, x + 0.5, 1.85);
@@ -195,7 +196,7 @@ static void gloss_vanity(gloss_room *r, double x, double chrome) {
     gloss_tap(r, x, 0.73, 0.045, chrome);
 }
 
-/* A shower: a pane, a tray, and a head on a bent pipe. */
+/* Adds a shower: a pane, a tray, and a head on a bent pipe. w: x of the wall behind it */
 static void gloss_shower(gloss_room *r, double w, double chrome) {
     const double radii[2] = { 0.15, 0.012 };
     double centre[3] = { 0, 1.9, 0.2 };
@@ -241,7 +242,7 @@ static void gloss_bathroom(gloss_room *r) {
     r->made.labels[0] = "bathroom";
 }
 
-/* A floor lamp with a shade: a bulb within a truncated cone. */
+/* Adds a floor lamp: a bulb within a shade that is a truncated cone. */
 static void gloss_floor_lamp(gloss_room *r, double x, double z) {
     double shade[2][2] = { { 0.2, 1.42 }, { 0.14, 1.7 } };
     gloss_chrome(r, 0.25);
@@ -255,7 +256,7 @@ static void gloss_floor_lamp(gloss_room *r, double x, double z) {
     gloss_ball(r, x, 1.55, z, 0.07);
 }
 
-/* The wall x = 0 with a window and its pane. */
+/* Adds the wall x = 0 with a window and its pane. d: depth of the room */
 static void gloss_window_wall(gloss_room *r, double d) {
     furnished_hole hole;
     furnished_window *o = &r->made.windows[r->made.window_count++];
@@ -275,7 +276,7 @@ static void gloss_window_wall(gloss_room *r, double d) {
     for (i = 0; i < 3; i++) r->made.scene.sky[i] = (float)(4 + 0.7 * i);
 }
 
-/* A glass table with legs and a frame of steel; a chrome ball and a vase on it. */
+/* Adds a glass table with legs and a frame of steel, and on it a chrome ball and a vase. steel: roughness */
 static void gloss_glass_table(gloss_room *r, double x, double z, double steel) {
     double vase[12][2];
     int i;
@@ -347,7 +348,8 @@ static void gloss_lamp_at(gloss_room *r, sbl_light_kind kind, double power, doub
     l->inner_cone = 40;
 }
 
-/* Cabinets with fronts of brushed metal and handles, a worktop, a hood, a kettle, a pot. */
+/* Adds cabinets with fronts of brushed metal and handles, a worktop, a hood, a kettle and a pot. w: width of the room;
+   brushed: roughness */
 static void gloss_cabinets(gloss_room *r, double w, double brushed) {
     int i;
     for (i = 0; i < 5; i++) {
@@ -406,7 +408,8 @@ static void gloss_kitchen(gloss_room *r) {
 
 /* >>making */
 
-/* Sets normals: those of the mean of all triangles of a mesh that meet at a point and differ by at most 40 degrees. */
+/* Sets the normals of a mesh. A triangle's normal at a corner is a mean, weighted by area, over all triangles of the
+   mesh that meet there and are tilted against this triangle by at most 40 degrees. */
 static void gloss_normals(gloss_room *r, int mesh) {
     sbl_mesh *m = &r->made.meshes[mesh];
     const float *p = (const float *)m->positions.data;

@@ -1,9 +1,9 @@
 /* A path tracer for benches: the radiance that reaches the camera from rooms with metal, gloss, mirrors and panes,
    unbiased. The material model is glTF's, as sbl.h describes it under ON REFLECTIONS, without textures. It shares no
    code with sbl.h. Include after bench_truth.h and bench_gloss_rooms.h.
-       gloss_truth_render(&room, width, height, samples, halves);   two independent pictures, one per thread
-   Lamps are sampled directly, and by way of the flat mirrors that the room lists; both are weighted against paths that
-   meet the lamp by chance (balance heuristic, Veach 1997). */
+       gloss_truth_render(&room, samples, halves);   two independent pictures, one per thread
+   Lamps are sampled directly, and by way of the flat mirrors that the tracer finds in the room; both are weighted
+   against paths that meet the lamp by chance (balance heuristic, Veach 1997). */
 #ifndef BENCH_GLOSS_TRUTH_H
 #define BENCH_GLOSS_TRUTH_H
 
@@ -14,16 +14,18 @@ typedef struct gloss_surface {
     ref_point at;
     v3 n, face, v;
     double base[3], metallic, alpha, f0, opacity, transmission, clear[3];  /* alpha 0: a mirror; f0 < 0: matte */
-    double through, diffuse;  /* chances that a path passes, and that it follows the diffuse part */
+    double through, diffuse;  /* chances that a path passes through, and that it is reflected diffusely */
 } gloss_surface;
 
-/* A direction that a path has chosen where a surface scatters it, until it is known what it meets there: what the
-   surface reflects, the density of its lobe, and what truth_onward needs. target: see truth_direction */
+/* A direction that a path has chosen at a surface, stored until it is known what the path meets next. is_set: 1: there
+   is such a direction; f: BRDF times cosine; lobe: density of the glossy lobe times the chance that this lobe is
+   chosen; diffuse, guided, cosine: for truth_onward; target: see truth_direction */
 typedef struct gloss_turn { int is_set, target; double f[3], lobe, diffuse, guided, cosine; } gloss_turn;
 
-/* A path. Numbers of the first choices come from a sequence. density: of its last direction that was not that of a
-   mirror or pane; -1: there is none; way: its length since then; mirrors: how many it has met since then, the last of
-   them `mirror`, or -1. */
+/* A path. number: GLOSS_NUMBERS numbers of a sequence, which the first choices use; numbers: how many are used. The
+   following fields count from the last direction that was neither mirrored nor passed on by a pane. density: of that
+   direction; -1: there was none; way: length since then; mirrors: how many perfect mirrors have reflected the path
+   since then; mirror: index of the last of these in gloss_tracer, -1: not listed there */
 typedef struct gloss_path {
     const double *number;
     int numbers;
@@ -37,7 +39,8 @@ static double gloss_number(gloss_path *p) {
     return p->numbers < GLOSS_NUMBERS ? p->number[p->numbers++] : ref_random(p->random);
 }
 
-/* A tracer and the flat mirrors of its scene: each a rectangle that is a mesh of its own. triangle: one of its two */
+/* A tracer and the flat mirrors of its scene. Each mirror is a rectangle and a mesh of its own. triangle: index of the
+   first of its two triangles in the scene */
 typedef struct gloss_mirror { v3 corner, across, up; int mesh, triangle; } gloss_mirror;
 typedef struct gloss_tracer { truth *t; gloss_mirror mirrors[GLOSS_MIRRORS]; int mirror_count; } gloss_tracer;
 
@@ -83,8 +86,8 @@ static gloss_surface gloss_surface_at(const truth *t, ref_hit hit, v3 d) {
     return s;
 }
 
-/* Sets `out` to f times the cosine for light from l, without the light of a perfect mirror. Returns the density with
-   which gloss_lobe_direction draws l, times the chance that the lobe is chosen. */
+/* Sets `out` to BRDF times cosine for light from l, without what a perfect mirror reflects. Returns the density with
+   which gloss_lobe_direction draws l, times the chance that the glossy lobe is chosen. */
 static double gloss_reflects(const gloss_surface *s, v3 l, double out[3]) {
     const double nl = v3_dot(s->n, l), nv = fmax(v3_dot(s->n, s->v), 1e-3), a2 = s->alpha * s->alpha;
     const v3 h = v3_unit(v3_add(s->v, l));
@@ -140,8 +143,8 @@ static v3 gloss_lobe_direction(const gloss_surface *s, double u, double w) {
 
 /* >>lamps */
 
-/* Multiplies light by what the surfaces between p and a point let pass. Returns 0 if that is nothing. first: becomes
-   the first thing that is met, if it is nearer */
+/* Follows a line from p for a length, and multiplies light by what the surfaces on it let pass. Returns 0 if nothing
+   passes. first: becomes the first hit of the line if that is nearer than `first` is */
 static int gloss_passes(const truth *t, v3 p, v3 d, double length, double light[3], ref_hit *first) {
     int i, k;
     for (i = 0; i < GLOSS_PASSES; i++) {
@@ -158,11 +161,12 @@ static int gloss_passes(const truth *t, v3 p, v3 d, double length, double light[
     return 0;
 }
 
-/* A way from a surface to a lamp, directly or by way of a flat mirror: its parts, with unit directions. */
+/* A way from a surface to a lamp: one straight part, or two parts that meet at a flat mirror. from: where each part
+   begins; d: its unit direction; whole: sum of the lengths; first: the first hit on the way, see gloss_way_is_free */
 typedef struct gloss_way { v3 from[2], d[2]; double length[2], whole; int parts; ref_hit first; } gloss_way;
 
-/* Finds the point of a flat mirror where p sees q. Returns 0 if there is none. off: becomes that point, a little off
-   the mirror */
+/* Finds the point m of a flat mirror where p sees q. Returns 0 if there is none. off: becomes that point, moved a
+   little off the mirror towards p */
 static int gloss_mirror_point(const gloss_mirror *g, v3 p, v3 q, v3 *m, v3 *off) {
     const v3 n = v3_unit(v3_cross(g->across, g->up));
     const double hp = v3_dot(v3_sub(p, g->corner), n), hq = v3_dot(v3_sub(q, g->corner), n);
@@ -175,8 +179,9 @@ static int gloss_mirror_point(const gloss_mirror *g, v3 p, v3 q, v3 *m, v3 *off)
     return u >= 0 && u <= 1 && v >= 0 && v <= 1;
 }
 
-/* Finds the way by which p sees q, directly if mirror is NULL. Multiplies light by what the mirror reflects. Returns 0
-   if there is no way. What stands in the way is not known yet. */
+/* Finds the way by which ends[0] sees ends[1], directly if mirror is NULL. Multiplies light by what the mirror
+   reflects. Returns 0 if the mirror does not show ends[1]. Whether a surface blocks the way is left open, see
+   gloss_way_is_free. */
 static int gloss_find_way(const truth *t, const gloss_mirror *mirror, const v3 ends[2], gloss_way *w,
                           double light[3]) {
     v3 m = ends[1];
@@ -201,7 +206,8 @@ static int gloss_find_way(const truth *t, const gloss_mirror *mirror, const v3 e
     return 1;
 }
 
-/* Returns 0 if nothing arrives. Sets w->first to what the way meets first. triangle: of the lamp, or -1 */
+/* Multiplies light by what the surfaces on the way let pass. Returns 0 if nothing arrives. Sets w->first to the first
+   hit on the way, which is the lamp if a direct way meets nothing else. triangle: of the lamp; -1: it has none */
 static int gloss_way_is_free(const truth *t, gloss_way *w, int triangle, double light[3]) {
     ref_hit unused;
     int i;
@@ -214,7 +220,8 @@ static int gloss_way_is_free(const truth *t, gloss_way *w, int triangle, double 
     return 1;
 }
 
-/* Adds the light of a point of a lamp. mirror: by way of which it arrives; -1: directly */
+/* Adds to sum the reflected light of a random point of a lamp, which is random, too. mirror: index of the mirror by way
+   of which the light arrives; -1: it arrives directly */
 static void gloss_add_lamp(const gloss_tracer *g, const gloss_surface *s, gloss_path *path, int mirror,
                            double sum[3]) {
     const truth *t = g->t;
@@ -236,7 +243,7 @@ static void gloss_add_lamp(const gloss_tracer *g, const gloss_surface *s, gloss_
     for (k = 0; k < 3; k++) sum[k] += path->share[k] * f[k] * light[k] / density;
 }
 
-/* Adds the light of a point or spot light. */
+/* Adds to sum the reflected light of a point or spot light. mirror: as in gloss_add_lamp */
 static void gloss_add_light(const gloss_tracer *g, const gloss_surface *s, const gloss_path *path, const sbl_light *l,
                             int mirror, double sum[3]) {
     double f[3], light[3], cone = 1;
@@ -259,13 +266,15 @@ static void gloss_add_light(const gloss_tracer *g, const gloss_surface *s, const
 
 /* >>paths */
 
-/* Returns the weight of a lamp's light that a path has met. d: direction of the path's last part */
+/* Returns the weight of the light of a lamp that a path has met. lamp: -1: the path met something else; d: direction of
+   the path's last part */
 static double gloss_met(const gloss_tracer *g, const gloss_path *p, int lamp, v3 d) {
     if (p->density < 0 || lamp < 0 || p->mirrors > 1 || (p->mirrors && p->mirror < 0)) return 1;
     return p->density / (p->density + truth_density(g->t, lamp, d, p->way) / (p->mirrors ? g->mirror_count : 1));
 }
 
-/* Chooses how the path goes on and sets its direction. Returns 0 if it ends. */
+/* Chooses how the path goes on from a surface, and sets where its next part starts and which direction it has. Returns
+   0 if the path ends. */
 static int gloss_go_on(const gloss_tracer *g, const gloss_surface *s, gloss_path *p, v3 *from, v3 *d) {
     const double choice = gloss_number(p), lobe = s->f0 < 0 ? 0 : 1 - s->through - s->diffuse;
     gloss_turn *turn = &p->turn;
@@ -297,7 +306,8 @@ static int gloss_go_on(const gloss_tracer *g, const gloss_surface *s, gloss_path
     return turn->f[0] + turn->f[1] + turn->f[2] > 0;
 }
 
-/* Finishes the turn when it is known what the path has met. Returns 0 if the path ends. */
+/* Multiplies the path's share by the weight of the direction that it chose last, now that its hit is known. Returns 0
+   if the path ends. */
 static int gloss_end_turn(const truth *t, gloss_path *p, ref_hit hit, v3 d) {
     const gloss_turn *turn = &p->turn;
     int k;
@@ -310,7 +320,7 @@ static int gloss_end_turn(const truth *t, gloss_path *p, ref_hit hit, v3 d) {
     return 1;
 }
 
-/* Adds the light of a lamp and of all lights, directly, and by way of one of the mirrors. */
+/* Adds the light of one random lamp and of all point and spot lights, directly, and by way of one random mirror. */
 static void gloss_add_lamps(const gloss_tracer *g, const gloss_surface *s, gloss_path *p, double sum[3]) {
     int i, k;
     for (i = 0; i <= (g->mirror_count > 0); i++) {
@@ -408,7 +418,8 @@ static void gloss_find_mirrors(gloss_tracer *g) {
     }
 }
 
-/* Sets kind to 0 where a pixel shows a lamp or the sky by way of mirrors and panes, which is exact in every picture. */
+/* Sets kind to 0 where a pixel shows a lamp or the sky, directly or by way of mirrors and panes: there, all pictures
+   are exact. */
 static void gloss_leave_out(ref_scene *scene, const sbl_picture_desc *view, unsigned char *kind) {
     truth t;
     int i, j;

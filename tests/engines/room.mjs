@@ -5,7 +5,7 @@ import fs from 'node:fs';
 import { encode } from './png.mjs';
 
 const folder = process.argv[2], ACROSS = 4;  // charts in a row of the map
-// coarse and soft: how a texture is minified is up to each viewer
+// The tiles are coarse and soft, because viewers differ in how they shrink a texture.
 const tiles = encode(16, 16, (x, y) => {
     const wave = 0.5 + 0.5 * Math.sin(x * Math.PI / 8) * Math.sin(y * Math.PI / 8);
     return [110 + 100 * wave, 120 + 70 * wave, 150 - 60 * wave, 255];

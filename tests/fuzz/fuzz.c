@@ -123,8 +123,7 @@ static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count,
         unsigned char *to = data + s->offset + i / (size_t)components * stride + i % (size_t)components * item;
         if (type == SBL_FLOAT32) { float x = fuzz_float(b, components == 4 ? 0.0f : -1.0f, 1); memcpy(to, &x, 4); }
         else if (vertices) *to = (unsigned char)(fuzz_byte(b) % (unsigned)(vertices + 1 - (fuzz_byte(b) < 250)));
-        /* the high byte of the value, because half floats have infinities, too */
-        else to[item - 1] = (unsigned char)fuzz_byte(b);
+        else to[item - 1] = (unsigned char)fuzz_byte(b);  /* the high byte, so that some half floats are infinite */
     }
     s->data = data;
 }
@@ -551,7 +550,7 @@ static void fuzz_make(fuzz_context *c, const sbl_context_desc *wishes) {
     FUZZ_CALL(c, sbl_create(&desc, &c->sbl));
 }
 
-/* The gather or bake in progress has ended. whole: its results are complete and are checked. */
+/* Frees the arrays of a gather or bake that has ended. whole: 1: its results are complete, and are checked first */
 static void fuzz_gather_gone(fuzz_context *c, int whole) {
     if (whole && c->readings) {
         fuzz_numbers("readings", (const float *)c->readings, sizeof *c->readings / 4 * (size_t)c->site_count);
@@ -766,7 +765,7 @@ static void fuzz_second(fuzz_bytes *b, fuzz_context *c) {
     fuzz_destroy(c);
     if (shape & 1) return;
     memset(&desc, 0, sizeof desc);
-    /* in the GL context of the first; otherwise in a context of its own */
+    /* sbl_create makes a GL context of its own unless it gets this function */
     if (shape & 2) desc.get_gl_function = gl_host_proc;
     if (shape & 4) fuzz_refuse(b, c);
     desc.disabled = shape >> 3 & SBL_CAPABILITY_ALL;

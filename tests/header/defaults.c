@@ -26,7 +26,7 @@ static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL
 #define PRINT(field) \
     printf("%s %s %d %g %g %g\n", name, #field, (int)mode, (double)d[0].field, (double)d[1].field, (double)d[2].field)
 
-/* The vertical field of view in degrees, rounded like the comment. */
+/* Returns the vertical field of view in degrees, rounded to 4 decimals, as the comment in sbl.h states it. */
 static double fov_y(const sbl_picture_desc *d) {
     return floor(2e4 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI + 0.5) / 1e4;
 }

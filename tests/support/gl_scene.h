@@ -3,7 +3,7 @@
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
-/* 13 channels have 3 floats per pixel, and 7 have 1 */
+/* Of the channels, 21 have 3 floats per pixel, and 7 have 1. */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
     SMALL_FLOATS = 70 * SMALL_PIXELS };
 

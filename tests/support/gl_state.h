@@ -251,7 +251,7 @@ static inline void gl_odd_make(gl_odd *o) {
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, o->colors[1], 0);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
     gl.GenSamplers(2, o->samplers);
-    /* would break texelFetch in textures without mip maps */
+    /* With this sampler, texelFetch would return undefined values from textures without mip maps. */
     gl.SamplerParameteri(o->samplers[0], GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     gl.SamplerParameteri(o->samplers[1], GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
     gl.GenVertexArrays(1, &o->vertex_array);
@@ -299,7 +299,7 @@ static inline void gl_state_odd(gl_odd *o) {
     gl.Viewport(1, 2, 3, 4);
     gl.Scissor(2, 1, 1, 2);
     more_gl.PointSize(5);
-    more_gl.PrimitiveRestartIndex(2);  /* every mesh uses this index */
+    more_gl.PrimitiveRestartIndex(2);  /* would break every mesh, because each has a vertex 2 */
     more_gl.ProvokingVertex(GL_FIRST_VERTEX_CONVENTION);
     more_gl.ClampColor(GL_CLAMP_READ_COLOR, GL_TRUE);
     more_gl.Hint(GL_LINE_SMOOTH_HINT, GL_NICEST);

@@ -40,9 +40,9 @@ inside_source inside_replace_source(sbl_context *context, inside_source source);
 
 int inside_guard_units(void); /* number of texture units whose state the guard restores */
 
-/* A square of 17 x 17 pixels, refined no further than its corners. strips: 1: the left columns show one surface, the
-   next columns a second one without any sensor, and the rest a third. The sensor at each corner measures `light` with
-   the variance 100 light^2. */
+/* Computes the weights of a square of 17 x 17 pixels that has sensors only at its corners. Each sensor measures `light`
+   with the variance 100 light^2. strips: 0: all pixels show one surface; 1: the left columns show one surface, the next
+   columns a second one, which has no sensor, and the other columns a third one */
 typedef struct inside_weight { float noise2, bias2, light, split_gain; } inside_weight;
 inside_weight inside_weigh_corners(int strips, float light);
 

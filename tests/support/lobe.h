@@ -21,7 +21,7 @@ static inline double lobe__dot(const double *a, const double *b) { return a[0] *
 
 static inline double lobe__fresnel(double vh, double f0) { return f0 + (1 - f0) * pow(1 - fmin(vh, 1), 5); }
 
-/* 1 plus the function Lambda of Smith */
+/* Returns 1 plus the function Lambda of Smith. */
 static inline double lobe__lambda(double cosine, double alpha) {
     double tangent = alpha * sqrt(fmax(0, 1 - cosine * cosine)) / cosine;
     return (1 + sqrt(1 + tangent * tangent)) / 2;
@@ -45,7 +45,8 @@ static inline double lobe_brdf(const double v[3], const double l[3], double roug
         lobe__visibility(v[2], l[2], alpha);
 }
 
-/* The half vectors have the density D cos. Their angles to the normal and around it are the points of a grid. */
+/* Returns the albedo, which is a mean over half vectors with the density D cos. Their angles to the normal and around
+   it are the points of a grid of steps x steps. */
 static inline double lobe__albedo(double mu, double roughness, double f0, int steps) {
     double alpha = roughness * roughness, v[3], sum = 0;
     int i, j;

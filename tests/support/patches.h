@@ -4,8 +4,8 @@
 
 enum { PATCHES_X = 8, PATCHES_Y = 4, PATCH = 4, BALL_X = PATCHES_X * PATCH, BALL_Y = PATCHES_Y * PATCH };
 
-/* The ball has no poles and smooth normals, and consists of patches that are separate charts. This computes the
-   position of corner i, j. */
+/* The ball has smooth normals, and holes in place of its poles. It consists of patches that are separate charts. This
+   computes the position of corner i, j. */
 static void ball_corner(int i, int j, float out[3]) {
     const double a = 2 * REF_PI * (i % BALL_X) / BALL_X, b = REF_PI * (0.15 + 0.7 * j / BALL_Y);
     out[0] = (float)(cos(a) * sin(b));

@@ -346,6 +346,7 @@ static inline double mean_difference(const char *a, const char *b) {
     return mean > 0 ? off / mean : mean;
 }
 
+/* Writes room.obj: a lamp over a floor, in front of a wall. Some numbers have no zero before the point. */
 static inline void room_obj(void) {
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .3\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     write_text(
