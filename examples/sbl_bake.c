@@ -389,6 +389,9 @@ static int parse(int argc, char **argv) {
                           i < ALSO_OF_CUBEMAPS ? "" : " or --cubemaps");
     for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
         if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
+    if (given[RAYS] && (given[PROBES] ? common.rays < 64 : common.rays > 4096))
+        return misuse("--rays %d: the number must be %s", common.rays,
+                      given[PROBES] ? "64 to 65536, the rays of a probe" : "1 to 4096");
     if (given[MOVE] && !given[PROBES] && !given[CUBEMAPS]) return misuse("--move needs --probes or --cubemaps");
     if (given[CUBEMAP] && !given[CUBEMAPS]) return misuse("--cubemap-size needs --cubemaps");
     if (options.cubemap_size & (options.cubemap_size - 1))

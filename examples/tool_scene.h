@@ -115,11 +115,13 @@ static const char *const help_words[] = { "all", NULL };
 #define TOOL__PAPER(text) text
 #define TOOL__BAKE(text)
 #define TOOL__PIXEL "pixel"
+enum { TOOL_RAYS_MAX = 4096 };
 static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
 #else
 #define TOOL__PAPER(text)
 #define TOOL__BAKE(text) text
 #define TOOL__PIXEL "texel"
+enum { TOOL_RAYS_MAX = 65536 };  /* of probes; sbl_bake checks the limits of everything else */
 static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
 #endif
 static const char *const preset_words[] = { "draft", "default", "high", NULL };
@@ -177,7 +179,7 @@ enum {
                         "how sensors measure: auto (default: trace" TOOL__PAPER(", but raster in mode paper") ") | " \
                             "raster (draw\n" \
                         "views) | trace (trace rays)", backend_words, NULL }, \
-    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
+    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, TOOL_RAYS_MAX, \
                         "traces exactly this many rays for each sensor; the target error then decides only where " \
                             "sensors are\n" \
                         "placed. Default: as many as the target error requires" \

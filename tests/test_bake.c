@@ -592,6 +592,19 @@ TEST(groups_of_probes) {
     CHECK(apart_by < 0.02 * norm, "the lamp alone is off by %g of %g", apart_by, norm);
 }
 
+/* Probes take more rays than sensors do. A number outside of the range is a misuse that names the option. */
+TEST(rays_have_limits) {
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL("room.gltf", "--probes", "1x1x1", "--rays", "63", "-o", "p.json") == 2 &&
+              said("--rays 63: the number must be 64 to 65536"), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "--vertices", "--rays", "4097", "-o", "v.ply") == 2 &&
+              said("--rays 4097: the number must be 1 to 4096"), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "--probes", "1x1x1", "--rays", "65537", "-o", "p.json") == 2 && said("--rays"), "%s",
+          ran.err);
+    CHECK(TOOL("room.gltf", "--mode", "direct", "--probes", "1x1x1", "--rays", "4097", "-o", "p.json") == 0, "%s",
+          ran.err);
+}
+
 /* --help has at most 40 short lines; --help all names every option of sbl_bake, and no other. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--map", "--gutter", "--directional",
@@ -786,6 +799,7 @@ int main(int argc, char **argv) {
     RUN(groups_of_green_lamps);
     RUN(groups_at_vertices);
     RUN(groups_of_probes);
+    RUN(rays_have_limits);
     RUN(help_is_short_or_complete);
     RUN(options_without_effect_are_named);
     RUN(a_full_disk_is_said);

@@ -65,6 +65,20 @@ check embed_shaders_keeps_the_rest keeps_the_rest
 check embed_shaders_strings_are_the_file strings_are_the_file
 check embed_shaders_refuses_without_markers refuses_without_markers
 
+# >>help
+
+every_script_explains_itself() {
+    for script in scripts/*; do
+        case $script in
+            */Makefile | *.py) continue ;;
+            */sbl_unwrap) command -v node > /dev/null || continue ;;
+        esac
+        timeout 60 "$script" --help > "$folder/help" 2>&1 < /dev/null && grep -q "${script#scripts/}" "$folder/help" ||
+            { echo "$script:"; cat "$folder/help"; return 1; }
+    done
+}
+check every_script_explains_itself every_script_explains_itself
+
 # >>scripts/test, in a repository of small fake tests
 
 fake="$folder/fake repository"
