@@ -365,11 +365,11 @@
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and panes. Mirrors are here surfaces of a roughness below 0.08 with a diffuse albedo of
-                  at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID belong to the surface
-                  that is seen; DEPTH is negative if that surface lies behind the camera. If a material (without its
-                  texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples
-                  per pixel, which blur what these mirrors show. They all lie at the pixel's centre if
+                  most 8 mirrors and 56 panes. Mirrors are here surfaces of a roughness below 0.08 with a diffuse albedo
+                  of at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID belong to the
+                  surface that is seen; DEPTH is negative if that surface lies behind the camera. If a material (without
+                  its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16 anti-aliasing
+                  samples per pixel, which blur what these mirrors show. They all lie at the pixel's centre if
                   sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light, and so does what it mirrors, but metal of a roughness below 0.5
@@ -9843,7 +9843,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
-"const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes\n",
+"const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
+"const int SBL_PANES = 56;               // a pixel shows surfaces behind at most this many panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
@@ -9936,6 +9937,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true;\n",
 "    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit\n",
+"    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
 "    // sbl_trace for each call, so both rays share one call.\n",
 "    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {\n",
@@ -9945,6 +9947,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
+"            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror\n",
 "            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
