@@ -855,10 +855,23 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles or its
-   material is omitted. */
-static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *node, unsigned i, unsigned *material) {
-    const unsigned number = node->mMeshes[i];
+/* Returns 1 if a scale of 0 makes what is in a node flat, which sbl_mesh.transform does not allow. */
+static int scene__is_flat(const scene__node *at) {
+    float m[12];
+    double determinant = 0;
+    int i;
+    for (i = 0; i < 12; i++) m[i] = (float)at->transform[i];
+    for (i = 0; i < 3; i++)
+        determinant += (double)m[i] * ((double)m[4 + (i + 1) % 3] * (double)m[8 + (i + 2) % 3] -
+                                       (double)m[4 + (i + 2) % 3] * (double)m[8 + (i + 1) % 3]);
+    return determinant == 0.0;
+}
+
+/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles, if its
+   material is omitted, or if the node is flat. */
+static const sbl_mesh *scene__used(const scene__reader *r, const scene__node *at, unsigned i, unsigned *material) {
+    const unsigned number = at->node->mMeshes[i];
+    if (scene__is_flat(at)) return NULL;
     if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
     *material = r->in->mMeshes[number]->mMaterialIndex;
     if (*material >= r->in->mNumMaterials) *material = 0;
@@ -867,8 +880,9 @@ static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *
 
 static void scene__count_uses(scene__reader *r, const scene__node *at) {
     unsigned i, material;
+    if (at->node->mNumMeshes && scene__is_flat(at)) scene__count(r->file, SCENE_FILE_FLAT);
     for (i = 0; i < at->node->mNumMeshes; i++) {
-        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        const sbl_mesh *mesh = scene__used(r, at, i, &material);
         const struct aiMesh *in = mesh ? r->in->mMeshes[at->node->mMeshes[i]] : NULL;
         if (!mesh) continue;
         r->use_count++;
@@ -916,7 +930,7 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
     unsigned i, material;
     int k;
     for (i = 0; i < at->node->mNumMeshes; i++) {
-        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        const sbl_mesh *mesh = scene__used(r, at, i, &material);
         sbl_mesh *use = &r->meshes[r->use_count];
         char *copy;
         if (!mesh) continue;
