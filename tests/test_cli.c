@@ -1667,6 +1667,19 @@ TEST(dropped_parts_of_gltf_are_named) {
     }
 }
 
+/* An .obj file without its .mtl file is rendered in grey, with a warning. assimp also looks for an .mtl file with the
+   name of the .obj file. */
+TEST(missing_mtl_files_are_named) {
+    static const char obj[] = "mtllib absent.mtl\nusemtl m\nv -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nf 1 2 3 4\n";
+    static const char *const lines[] = { "materials absent.mtl cannot be read; surfaces that use them are grey" };
+    write_text("bare.obj", obj);
+    TOOL("bare.obj", SQUARES);
+    check_warnings("bare.obj", lines, 1);
+    write_text("bare.mtl", "newmtl m\nKd 0.5 0.1 0.1\n");
+    TOOL("bare.obj", SQUARES);
+    check_warnings("bare.obj", NULL, 0);
+}
+
 /* A scene with --materials matte equals the same scene with matte materials to the bit. Both have the same stored
    light, which differs from that of --materials file. */
 TEST(materials_can_be_matte) {
@@ -2550,6 +2563,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
     RUN(dropped_parts_of_gltf_are_named);
+    RUN(missing_mtl_files_are_named);
     RUN(materials_can_be_matte);
     RUN(normal_maps_are_shown);
     RUN_PLAIN(a_missed_target_is_said);
