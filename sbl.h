@@ -1285,7 +1285,8 @@ typedef struct sbl_picture_desc {
                                   of squared errors over all pixels, with errors as shares of the mean R. If set, the
                                   work ends when no look is worth it, and target_error does not end it. Set it for
                                   windows, see ON PARTS. Default: 0, target_error decides */
-    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
+    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
+                                  with options.ray_length, because ambient occlusion can be narrow */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
@@ -8630,7 +8631,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
     if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER)
         d.target_error = errors[sbl__preset_of(&d.options)];
-    if (!d.tile) d.tile = 16;
+    if (!d.tile) d.tile = d.options.ray_length > 0 ? 4 : 16;
     if (sbl__zero(&d.threshold) && d.options.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
     if (sbl__zero(&d.facet_limit)) d.facet_limit = 2;
     if (!d.filter_radius) d.filter_radius = 2;
