@@ -435,7 +435,7 @@
    the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
    light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
    that sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and
-   is treated in the same way.
+   is treated in the same way; in other modes, if it sees nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
@@ -477,7 +477,8 @@
    scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
    thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
-   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours.
+   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
+   larger than ray_length are not known as hidden.
 
 
    ON VERTEX LIGHT
@@ -16533,11 +16534,13 @@ typedef struct sbl__pixel_lobe {
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
-   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. */
+   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
+   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
+#define SBL__HIDDEN_ALL 0.98f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
@@ -17463,15 +17466,17 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if a sensor is dark and sees back faces, unlike most lit sensors. */
+/* Returns 1 if a sensor is dark and sees back faces, unlike most lit sensors. Without bounced light, many visible
+   texels are dark, too; therefore the sensor must then see nothing but back faces. */
 static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     const int dark = !(light > 0) || light * r->lit < SBL__HIDDEN_DARK * r->lit_light;
-    return r->spec->bounced && dark && reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit;
+    const int enclosed = reading->hit_share > SBL__HIDDEN_ALL && reading->back_share > SBL__HIDDEN_ALL;
+    return dark && (r->spec->bounced ? reading->back_share > 0.5f : enclosed) && r->lit_backs <= 0.5 * r->lit;
 }
 
 /* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, or (SBL_MODE_GI) it is inside a solid or behind a shell such as a cornice: it is dark and sees back faces,
+   its width, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice: it is dark and sees back faces,
    unlike most lit sensors. A touched texel is close to the edge of a surface that hides texels, so that light changes
    within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
