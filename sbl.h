@@ -17667,6 +17667,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
     const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
+    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
     const float share = (float)looks / (float)(s->looks + looks);
     const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
@@ -17681,8 +17682,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     r->looks_taken += looks;
     s->queued = 0;
     s->round = (short)r->rounds;
-    for (i = 0; i < 3 && r->rounds == 0 && !s->places; i++) r->sum[i] += s->radiance[i];
-    r->pixels_summed += r->rounds == 0 && !s->places;
+    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
+    r->pixels_summed += no_mean && !s->places;
     if (s->sensed || s->places) {
         if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
         s->sensed = 1;
