@@ -367,10 +367,10 @@
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and panes. A mirror is here a surface of a roughness below 0.08 with a diffuse albedo
-                  of at most 0.02; most metals have such an albedo. Channels such as NORMAL, POSITION and ID belong to
-                  the surface that is seen; DEPTH is negative if that surface lies behind the camera. If a material
-                  (without its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16
+                  most 8 mirrors and 56 panes. A mirror is here a surface of a roughness below 0.08 with a diffuse
+                  albedo of at most 0.02; most metals have such an albedo. Channels such as NORMAL, POSITION and ID
+                  belong to the surface that is seen; DEPTH is negative if that surface lies behind the camera. If a
+                  material (without its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16
                   anti-aliasing samples per pixel, which blur what these mirrors show. All these samples lie at the
                   pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by
                   rays
@@ -439,7 +439,7 @@
    the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
    light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
    that sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and
-   is treated in the same way.
+   is treated in the same way; in other modes, if it sees nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
@@ -481,7 +481,8 @@
    scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
    thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
-   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours.
+   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
+   larger than ray_length are not known as hidden.
 
 
    ON VERTEX LIGHT
@@ -1291,7 +1292,8 @@ typedef struct sbl_picture_desc {
                                   of squared errors over all pixels, with errors as shares of the mean R. If set, the
                                   work ends when no look is worth it, and target_error does not end it. Set it for
                                   windows, see ON PARTS. Default: 0, target_error decides */
-    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
+    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
+                                  with options.ray_length, because ambient occlusion can be narrow */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
@@ -8652,7 +8654,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
     if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER)
         d.target_error = errors[sbl__preset_of(&d.options)];
-    if (!d.tile) d.tile = 16;
+    if (!d.tile) d.tile = d.options.ray_length > 0 ? 4 : 16;
     if (sbl__zero(&d.threshold) && d.options.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
     if (sbl__zero(&d.facet_limit)) d.facet_limit = 2;
     if (!d.filter_radius) d.filter_radius = 2;
@@ -9866,7 +9868,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
-"const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes\n",
+"const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
+"const int SBL_PANES = 56;               // a pixel shows surfaces behind at most this many panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
@@ -9958,6 +9961,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true;\n",
 "    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit\n",
+"    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
 "    // sbl_trace for each call, so both rays share one call.\n",
 "    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {\n",
@@ -9967,6 +9971,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
+"            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror\n",
 "            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
@@ -16566,11 +16571,13 @@ typedef struct sbl__pixel_lobe {
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
-   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. */
+   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
+   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
+#define SBL__HIDDEN_ALL 0.98f
 #define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
@@ -17504,15 +17511,17 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
 }
 
 /* Returns 1 if a sensor seems to be inside a solid: it is dark and sees mostly back faces, unlike most lit sensors.
-   Returns 0 except in SBL_MODE_GI. */
+   Without bounced light, many visible texels are dark, too; therefore the sensor must then see nothing but back
+   faces. */
 static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     const int dark = !(light > 0) || light * r->lit < SBL__HIDDEN_DARK * r->lit_light;
-    return r->spec->bounced && dark && reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit;
+    const int enclosed = reading->hit_share > SBL__HIDDEN_ALL && reading->back_share > SBL__HIDDEN_ALL;
+    return dark && (r->spec->bounced ? reading->back_share > 0.5f : enclosed) && r->lit_backs <= 0.5 * r->lit;
 }
 
 /* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, or (SBL_MODE_GI) it is inside a solid or behind a shell such as a cornice: it is dark and sees back faces,
+   its width, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice: it is dark and sees back faces,
    unlike most lit sensors. A touched texel is close to the edge of a surface that hides texels, so that light changes
    within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
@@ -17703,6 +17712,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
     const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
+    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
     const float share = (float)looks / (float)(s->looks + looks);
     const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
@@ -17717,8 +17727,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     r->looks_taken += looks;
     s->queued = 0;
     s->round = (short)r->rounds;
-    for (i = 0; i < 3 && r->rounds == 0 && !s->places; i++) r->sum[i] += s->radiance[i];
-    r->pixels_summed += r->rounds == 0 && !s->places;
+    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
+    r->pixels_summed += no_mean && !s->places;
     if (s->sensed || s->places) {
         if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
         s->sensed = 1;

@@ -16,7 +16,12 @@
 /* ---- file access of assimp, which reads from memory so that files can be edited before ---- */
 
 typedef struct scene__stream { scene__bytes bytes; size_t at; int shared; } scene__stream;
-typedef struct scene__main_file { scene_file *file; const char *path; scene__bytes bytes; } scene__main_file;
+typedef struct scene__main_file {
+    scene_file *file;
+    const char *path;
+    scene__bytes bytes;
+    char missing[160];  /* an .mtl file that could not be read, or an empty text */
+} scene__main_file;
 
 static scene__stream *scene__of(struct aiFile *file) { return (scene__stream *)(void *)file->UserData; }
 
@@ -44,6 +49,14 @@ static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrig
     return aiReturn_SUCCESS;
 }
 
+/* Notes whether an .mtl file could be read. assimp tries several paths for it, and does not report a failure. */
+static void scene__note_mtl(scene__main_file *main_file, const char *path, int found) {
+    char *missing = main_file->missing;
+    if (!scene__ends_with(path, ".mtl")) return;
+    if (found) missing[0] = 0;
+    else if (!missing[0]) scene__print(missing, sizeof main_file->missing, "%s", path);
+}
+
 static struct aiFile *scene__open(struct aiFileIO *io, const char *path, const char *mode) {
     scene__main_file *main_file = (scene__main_file *)(void *)io->UserData;
     scene__stream *s = (scene__stream *)calloc(1, sizeof *s);
@@ -54,8 +67,10 @@ static struct aiFile *scene__open(struct aiFileIO *io, const char *path, const c
         s->shared = 1;
     } else if (!scene__slurp(main_file->file, path, &s->bytes)) {
         if (errno == SCENE__REFUSED) scene__refuse(main_file->file, path);
+        scene__note_mtl(main_file, path, 0);
         goto fail;
     }
+    scene__note_mtl(main_file, path, 1);
     file->ReadProc = scene__read;
     file->WriteProc = scene__write;
     file->TellProc = scene__tell;
@@ -855,10 +870,23 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles or its
-   material is omitted. */
-static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *node, unsigned i, unsigned *material) {
-    const unsigned number = node->mMeshes[i];
+/* Returns 1 if a scale of 0 makes what is in a node flat, which sbl_mesh.transform does not allow. */
+static int scene__is_flat(const scene__node *at) {
+    float m[12];
+    double determinant = 0;
+    int i;
+    for (i = 0; i < 12; i++) m[i] = (float)at->transform[i];
+    for (i = 0; i < 3; i++)
+        determinant += (double)m[i] * ((double)m[4 + (i + 1) % 3] * (double)m[8 + (i + 2) % 3] -
+                                       (double)m[4 + (i + 2) % 3] * (double)m[8 + (i + 1) % 3]);
+    return determinant == 0.0;
+}
+
+/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles, if its
+   material is omitted, or if the node is flat. */
+static const sbl_mesh *scene__used(const scene__reader *r, const scene__node *at, unsigned i, unsigned *material) {
+    const unsigned number = at->node->mMeshes[i];
+    if (scene__is_flat(at)) return NULL;
     if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
     *material = r->in->mMeshes[number]->mMaterialIndex;
     if (*material >= r->in->mNumMaterials) *material = 0;
@@ -867,8 +895,9 @@ static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *
 
 static void scene__count_uses(scene__reader *r, const scene__node *at) {
     unsigned i, material;
+    if (at->node->mNumMeshes && scene__is_flat(at)) scene__count(r->file, SCENE_FILE_FLAT);
     for (i = 0; i < at->node->mNumMeshes; i++) {
-        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        const sbl_mesh *mesh = scene__used(r, at, i, &material);
         const struct aiMesh *in = mesh ? r->in->mMeshes[at->node->mMeshes[i]] : NULL;
         if (!mesh) continue;
         r->use_count++;
@@ -916,7 +945,7 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
     unsigned i, material;
     int k;
     for (i = 0; i < at->node->mNumMeshes; i++) {
-        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        const sbl_mesh *mesh = scene__used(r, at, i, &material);
         sbl_mesh *use = &r->meshes[r->use_count];
         char *copy;
         if (!mesh) continue;
@@ -1052,10 +1081,13 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     main_file.file = file;
     main_file.path = path;
     main_file.bytes = *bytes;
+    main_file.missing[0] = 0;
     io.OpenProc = scene__open;
     io.CloseProc = scene__close;
     io.UserData = (char *)&main_file;
     r.in = aiImportFileEx(path, steps, &io);
+    if (main_file.missing[0])
+        scene__warn(file, "materials %s cannot be read; surfaces that use them are grey", main_file.missing);
     r.file = r.pictures.file = file;
     r.pictures.path = path;
     r.pictures.embedded = scene__find_embedded;

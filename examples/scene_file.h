@@ -116,6 +116,7 @@ typedef struct scene_file_options {
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \
     X(AREA, "light", "lights", "area lights and ambient lights are left out") \
     X(LINES, "mesh", "meshes", "lines and points are left out") \
+    X(FLAT, "node", "nodes", "nodes whose scale is 0 along an axis are left out") \
     X(POSE, "mesh", "meshes", "skins and morph targets are read in their rest pose") \
     X(ANIMATION, "animation", "animations", "animations are ignored: nodes stand where the file puts them")
 

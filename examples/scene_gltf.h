@@ -8,7 +8,8 @@
    and roughnessFactor by 1; version 5.2 drops KHR_materials_specular, and older versions also drop KHR_materials_ior;
    therefore these facts are appended to the names of materials. assimp refuses TEXCOORD_1 without TEXCOORD_0; therefore
    such a set also becomes the first. assimp drops lists in extras; therefore the lightmap placements are put before the
-   names of nodes. Invalid content is left unchanged, so that assimp reports it. */
+   names of nodes. assimp takes quantized and compressed meshes for floats; therefore a file that requires one of these
+   extensions is refused. Invalid content is left unchanged, so that assimp reports it. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -233,8 +234,34 @@ static void scene__name_places(scene_file *file, cJSON *root) {
     }
 }
 
+static int scene__lists(const cJSON *list, const char *name) {
+    const cJSON *item;
+    cJSON_ArrayForEach(item, list)
+        if (cJSON_IsString(item) && strcmp(item->valuestring, name) == 0) return 1;
+    return 0;
+}
+
+/* Refuses a file whose meshes are stored in a way that assimp takes for floats. Warns of other extensions that change
+   the scene, and that assimp drops. */
+static void scene__check_extensions(scene_file *file, const cJSON *root) {
+    static const char *const refused[] = { "KHR_mesh_quantization", "EXT_meshopt_compression",
+        "KHR_meshopt_compression" };
+    static const char *const ignored[][2] = {
+        { "EXT_mesh_gpu_instancing", "each of its meshes stands only once" },
+        { "KHR_node_visibility", "hidden nodes are shown" } };
+    const cJSON *required = scene__item(root, "extensionsRequired"), *used = scene__item(root, "extensionsUsed");
+    size_t i;
+    for (i = 0; i < sizeof refused / sizeof *refused; i++)
+        if (scene__lists(required, refused[i]))
+            scene__fail(file, "it requires %s, which is not supported; export it without that", refused[i]);
+    for (i = 0; i < sizeof ignored / sizeof *ignored; i++)
+        if (scene__lists(used, ignored[i][0]) || scene__lists(required, ignored[i][0]))
+            scene__warn(file, "%s is ignored: %s", ignored[i][0], ignored[i][1]);
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
+    scene__check_extensions(file, root);
     item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
     if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
         file->map_size = item->valueint;
@@ -297,7 +324,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     size_t length = bytes->size - start;
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
-        "lightmapIndex", "lightmapSize" };
+        "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

@@ -42,7 +42,8 @@ uniform vec2 sample_point;              // random point of the sample in the uni
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
-const int SBL_MIRRORS = 8;              // a pixel shows surfaces through at most this many mirrors and panes
+const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
+const int SBL_PANES = 56;               // a pixel shows surfaces behind at most this many panes
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
 // The surface that a pixel shows in mirrors and behind panes
@@ -134,6 +135,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Leaving next, aside;
     bool goes_on = true;
     int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit
+    int panes = 0;    // number of panes that the ray `next` has passed
     // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
     // sbl_trace for each call, so both rays share one call.
     for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {
@@ -143,6 +145,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
             vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
+            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror
             if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
         }
         sbl_Leaving ray = next;

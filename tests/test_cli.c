@@ -1642,6 +1642,42 @@ TEST(substitutions_are_named) {
     check_warnings("lamps.dae", area_line, 1);
 }
 
+/* Files whose meshes assimp would misread are refused. What is dropped is named, and does not stop the rest. */
+TEST(dropped_parts_of_gltf_are_named) {
+    static const char *const refused[] = { "KHR_mesh_quantization", "EXT_meshopt_compression",
+        "KHR_meshopt_compression" };
+    static const char *const lines[] = { "EXT_mesh_gpu_instancing is ignored: each of its meshes stands only once",
+        "KHR_node_visibility is ignored: hidden nodes are shown",
+        "nodes whose scale is 0 along an axis are left out (1 node)" };
+    char more[256];
+    int i;
+    materials_gltf(MATTE "}", "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\",\"KHR_node_visibility\"],"
+                   "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[1,0,1]}],\"scenes\":[{\"nodes\":[0,1]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", lines, 3);
+    for (i = 0; i < 3; i++) {
+        sprintf(more, "\"extensionsRequired\":[\"%s\"],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]",
+                refused[i]);
+        materials_gltf(MATTE "}", more);
+        TOOL("squares.gltf", SQUARES);
+        CHECK(ran.status == 1 && ran.err_lines == 1 && strstr(ran.err, refused[i]), "%s: exit %d, \"%s\"", refused[i],
+              ran.status, ran.err);
+    }
+}
+
+/* An .obj file without its .mtl file is rendered in grey, with a warning. assimp also looks for an .mtl file with the
+   name of the .obj file. */
+TEST(missing_mtl_files_are_named) {
+    static const char obj[] = "mtllib absent.mtl\nusemtl m\nv -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nf 1 2 3 4\n";
+    static const char *const lines[] = { "materials absent.mtl cannot be read; surfaces that use them are grey" };
+    write_text("bare.obj", obj);
+    TOOL("bare.obj", SQUARES);
+    check_warnings("bare.obj", lines, 1);
+    write_text("bare.mtl", "newmtl m\nKd 0.5 0.1 0.1\n");
+    TOOL("bare.obj", SQUARES);
+    check_warnings("bare.obj", NULL, 0);
+}
+
 /* A scene with --materials matte equals the same scene with matte materials to the bit. Both have the same stored
    light, which differs from that of --materials file. */
 TEST(materials_can_be_matte) {
@@ -2524,6 +2560,8 @@ int main(int argc, char **argv) {
     RUN(broken_lights_are_left_out);
     RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
+    RUN(dropped_parts_of_gltf_are_named);
+    RUN(missing_mtl_files_are_named);
     RUN(materials_can_be_matte);
     RUN(normal_maps_are_shown);
     RUN_PLAIN(a_missed_target_is_said);

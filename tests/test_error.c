@@ -448,6 +448,25 @@ TEST(of_a_corner_under_the_sky) { predicted_well(corner); }
 TEST(of_many_lamps) { predicted_well(many_lamps); }
 TEST(of_boards_in_the_light) { predicted_well(boards); }
 
+/* A small object between all sensors of the first level: errors are relative to the mean that later sensors find. */
+TEST(of_what_the_first_level_misses) {
+    int size;
+    for (size = 12; size <= 18; size += 2) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_view(size, size, 40, 0, 3, 8, 0, 0, 0);
+        double predicted;
+        scene_sky(&s, 1, 1, 1);
+        scene_floor(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), 0, 1.5f);
+        scene_quad(&s, 0, -0.5f, 0, 0, 0.5f, 0, 0, 0.5f, 1, 0, -0.5f, 1, 0);
+        view.options.mode = SBL_MODE_DIRECT;
+        view.target_error = 0.05f;
+        if (!scene_render(context, &s, &view)) return;
+        predicted = (double)sbl_query_stats(context).picture.expected_error;
+        CHECK(predicted > 0.001 && predicted < 0.06, "%d pixels: the predicted error is %g", size, predicted);
+        scene_free(&s);
+    }
+}
+
 /* SBL_CHANNEL_LOOKS holds the number of looks of each sensor: one if the number of rays is fixed, and different numbers
    for a target error. Pixels without a sensor have 0. */
 TEST(looks_are_counted) {
@@ -496,6 +515,7 @@ int main(void) {
     RUN(of_noise_in_the_store);
     RUN(of_sensors_beside_the_store);
     RUN(of_pixels_that_cannot_improve);
+    RUN(of_what_the_first_level_misses);
     RUN(looks_are_counted);
     sbl_destroy(context);
     return test_report();

@@ -103,6 +103,65 @@ TEST(a_map_beside_a_wall) {
     }
 }
 
+/* The sensors of the first level find occlusion that reaches 4 texels, which is less than the default tile of other
+   lightmaps, on both sides of a wall that stands on a floor. */
+TEST(narrow_occlusion_is_found) {
+    static float map[3 * MAP * MAP];
+    static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_lightmap_desc desc;
+    double squares = 0;
+    int i;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 2)->lightmap_texcoords.data = uv;
+    scene_quad(&s, 0, -1, 0, -50, -1, 100, -50, -1, 100, 50, -1, 0, 50);
+    scene = scene_desc(&s);
+    memset(&desc, 0, sizeof desc);
+    desc.width = desc.height = MAP;
+    desc.options.mode = SBL_MODE_DIRECT;
+    desc.options.ray_length = 0.5f;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_FINAL, map, 3 * MAP * MAP) == SBL_SUCCESS, "no map");
+    for (i = 0; i < MAP * MAP; i++) {
+        const double x = 4 * (i % MAP + 0.5) / MAP - 2;
+        squares += pow((double)map[3 * i] - occlusion_beside_wall(fabs(x + 1), 0.5), 2);
+    }
+    printf("  root mean square error %.4f\n", sqrt(squares) / MAP);
+    CHECK(sqrt(squares) / MAP < 0.03, "error %g", sqrt(squares) / MAP);
+    scene_free(&s);
+}
+
+/* Texels inside a closed box that stands on the floor get the light of the floor around it, so that filtering shows no
+   dark line there. */
+TEST(boxes_hide_texels) {
+    static float map[3 * MAP * MAP];
+    static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_lightmap_desc desc;
+    float inside, outside;
+    int i;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 2)->lightmap_texcoords.data = uv;
+    scene_box(&s, 0, -0.5f, -0.2f, -0.5f, 0.5f, 1, 0.5f);
+    scene = scene_desc(&s);
+    memset(&desc, 0, sizeof desc);
+    desc.width = desc.height = MAP;
+    desc.options.mode = SBL_MODE_DIRECT;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_FINAL, map, 3 * MAP * MAP) == SBL_SUCCESS, "no map");
+    for (i = 12; i < 20; i++) {
+        inside = map[3 * (i * MAP + 12)];
+        outside = map[3 * (i * MAP + 11)];
+        CHECK(outside > 0.5f && fabs((double)(inside - outside)) < 0.1, "row %d: %g inside, %g outside", i,
+              (double)inside, (double)outside);
+    }
+    scene_free(&s);
+}
+
 /* options.ray_length does not limit rays of specular lobes: below a black ceiling they see the ceiling and not the
    sky. */
 TEST(reflections_do_not_end) {
@@ -207,6 +266,8 @@ int main(void) {
     }
     RUN(readings_beside_a_wall);
     RUN(a_map_beside_a_wall);
+    RUN(narrow_occlusion_is_found);
+    RUN(boxes_hide_texels);
     RUN(reflections_do_not_end);
     RUN(stuck_sensors_are_found);
     RUN(what_cannot_be_is_refused);
