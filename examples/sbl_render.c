@@ -486,6 +486,7 @@ static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     const double larger = fmax((double)s->picture.radiance_error, (double)s->picture.specular_error);
     char help[256];
     if (frames.now) return;  /* render_frames warns once for all frames */
+    if (needs_no_light(channels[options.channel])) return;
     if (!(target > 0) || !(larger > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
     if (expected > 1) return;  /* the picture is black: errors are relative to its mean, which is almost 0 */
     advise(s, help, sizeof help);

@@ -2394,7 +2394,7 @@ TEST(options_without_effect_are_named) {
         { "--seed (", "--seed", "1", "--mode", "paper" },
         { "--target-error (in", "--error", "9%", "--mode", "paper" },
         { NULL, "--error", "9%", "--rays", "16" },
-        { NULL, "--sensor-size", "8", "--backend", "raster" },
+        { NULL, "--sensor-size", "8", "--backend", "raster", "--error", "9%" },
         { NULL, "--sensor-size", "8", "--mode", "paper", "--threshold", "0.1" },
         { NULL, "--exposure", "1", "--channel", "radiance" } };
     size_t i;
