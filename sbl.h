@@ -742,8 +742,8 @@
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
    margin adds up to tile + filter_radius + 1 pixels at each side.
 
-   All windows of a picture should share four things. A small picture of the whole, which has the same target error,
-   supplies the first three:
+   All windows of a picture should share five things. A small picture of the whole, which has the same target error,
+   supplies the first four:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
@@ -753,18 +753,24 @@
                   then has about the target error. Single windows may have more or less, just as regions of a picture
                   that is made at once do. Without a price, every window reaches the target error by itself, which
                   takes up to twice as long in total
+       rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
+                  window finds out by itself how many rays its looks need, and a look that costs twice as much as its
+                  neighbour's makes a step at the border
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
    In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
-   A lightmap can be baked in windows, too. Mean, price and store are as above. A small lightmap without supersample
-   supplies the mean and the price; as pixels of the whole, the factor of the price counts the places of `supersample`,
-   width * height * supersample^2. Windows have no gutters. Copy
-   SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3 of each window to its
-   place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If a
-   single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is baked
-   at once.
+   SBL_CHANNEL_WORK of the small picture tells how to divide the whole into windows that take about equally long. With
+   sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
+   hierarchy of triangles, which is the same on all machines with the same driver. In lightmaps, it counts only looks.
+
+   A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
+   supersample supplies the mean, the rays and the price; as pixels of the whole, the factor of the price counts the
+   places of `supersample`, width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE,
+   SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3 of each window to its place in arrays of the
+   whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If a single window shows the
+   whole map, and has no mean and price set, the joined map is to the bit the map that is baked at once.
 
    Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
@@ -1292,6 +1298,10 @@ typedef struct sbl_picture_desc {
                                   of squared errors over all pixels, with errors as shares of the mean R. If set, the
                                   work ends when no look is worth it, and target_error does not end it. Set it for
                                   windows, see ON PARTS. Default: 0, target_error decides */
+    int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
+                                  minus sign, rays are guided to bright places. Set it for windows, see ON PARTS; it
+                                  has no effect if options.rays is set. Default: 0, first looks decide */
+    int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
                                   with options.ray_length, because ambient occlusion can be narrow */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
@@ -1353,6 +1363,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_GROUP_5,
     SBL_CHANNEL_GROUP_6,
     SBL_CHANNEL_GROUP_7,
+    SBL_CHANNEL_WORK,       /* 1: LOOKS or, with sbl_picture_desc.measure_work, about how long the pixel's sensor took,
+                               in an arbitrary unit; see ON PARTS */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1398,6 +1410,7 @@ typedef struct sbl_stats {
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
+        int look_rays;            /* number of rays of each look, in the sense of sbl_picture_desc */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
         float specular_error;     /* the part of expected_error that reflections cause, as a share of the mean of FINAL
@@ -1497,6 +1510,7 @@ typedef struct sbl_lightmap_desc {
                                   set, a sensor takes at most 1024 / 2048 / 4096 rays. Default: 0.02 / 0.005 / 0.0025 */
     float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
     float price;               /* least benefit of a look, as in sbl_picture_desc */
+    int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
                                   texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
@@ -2971,6 +2985,9 @@ typedef struct sbl__record {
                                           scene's extent, because depth buffers are imprecise (see sbl__spec_offset). At
                                           2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
 
+#define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
+#define SBL__STEPS_MASK 4095           /* bits of a variance of lamps.glsl that hold a number of steps */
+
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
@@ -2984,7 +3001,7 @@ typedef struct sbl__record {
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
-    X(MIRROR_DIFFUSE)
+    X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -6597,6 +6614,8 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
+"int sbl_steps = 0;  // iterations of the loops of sbl_nearest, over all rays of the invocation\n",
+"\n",
 "// Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.\n",
 "// Hits are ordered by distance and, at the same distance, by the index of their triangle.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
@@ -6616,7 +6635,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
 "    // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and\n",
 "    // share the counter. On softpipe, these loops do not terminate without a limit.\n",
-"    for (int iterations = 4 * node_count + 4; iterations > 0; iterations--) {\n",
+"    int iterations = 4 * node_count + 4;\n",
+"    sbl_steps += iterations;\n",
+"    for (; iterations > 0; iterations--) {\n",
 "        for (; node < SBL_LEAF && iterations > 0; iterations--) {  // descends, nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
@@ -6643,6 +6664,7 @@ static const char *const sbl__glsl_traverse[] = {
 "        for (int t = from; t <= to; t++) sbl_test(t, ray, hit);\n",
 "        node = stack[top--];\n",
 "    }\n",
+"    sbl_steps -= iterations;\n",
 "    return hit;\n",
 "}\n",
 "\n",
@@ -8740,12 +8762,16 @@ static void sbl__check_window(sbl__check *check, const int w[4], const char *wha
 
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
+    const int64_t rays = d->look_rays < 0 ? -(int64_t)d->look_rays : d->look_rays;
     sbl__check_int(check, "width", d->width, 1, SBL__MAX_SIZE);
     sbl__check_int(check, "height", d->height, 1, SBL__MAX_SIZE);
     sbl__check_int(check, "tile", d->tile, 1, 1024);
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
     sbl__check_range(check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
     sbl__check_range(check, "price", &d->price, 1, sbl__not_negative_range);
+    if (rays && rays != 16 && rays != 32 && rays != 64 && rays != 128)
+        sbl__mistake(check, "look_rays is %d; it must be 0, or 16, 32, 64 or 128 with or without a minus sign",
+                     d->look_rays);
     sbl__check_finite(check, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32) sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
@@ -8763,6 +8789,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_int(&check, "tone", (int)d->tone, 0, SBL_TONE_COUNT - 1);
     sbl__check_range(&check, "exposure", &d->exposure, 1, stops);
     sbl__check_int(&check, "auto_exposure", d->auto_exposure, 0, 1);
+    sbl__check_int(&check, "measure_work", d->measure_work, 0, 1);
     sbl__check_range(&check, "backdrop", d->backdrop, 3, sbl__unit_range);
     sbl__check_camera(&check, d);
     return sbl__check_end(&check);
@@ -8800,6 +8827,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     picture.target_error = d->target_error;
     memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
     picture.price = d->price;
+    picture.look_rays = d->look_rays;
     picture.tile = d->tile;
     picture.threshold = d->threshold;
     picture.filter_radius = d->filter_radius;
@@ -10311,6 +10339,8 @@ typedef struct sbl__spec {
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit of the distances in a reading's mean distance; 0: no limit */
     float ray_length;           /* traced: length of rays over the hemisphere; 0: unlimited */
+    int counts_steps;           /* traced: 1: hit_mean of a reading is the number of steps that all rays of the site's
+                                   looks take through the hierarchy, divided by `rays` */
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
@@ -10865,6 +10895,7 @@ static const char *const sbl__glsl_carrier[] = {
 "uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace\n",
 "                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
+"uniform bool counts_steps;       // true: the outputs also tell the steps of rays, see sbl__spec.counts_steps\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
@@ -11052,6 +11083,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__bind_table(d, "sbl_looks", b->table);
     if (b->lobes) sbl__bind_table(d, "sbl_lobes", b->lobe_table);
     sbl__bind_table(d, "sbl_sequence", sequence);
+    sbl__set_int(d, "counts_steps", b->spec->counts_steps);
     sbl__set_ints(d, "blocks", blocks[0], blocks[1]);
     sbl__set_int(d, "columns", b->slots->columns);
     sbl__set_int(d, "first_slot", b->slot);
@@ -12000,6 +12032,10 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (stopped) r = sbl_combine_after(early);\n",
 "    else r = sbl_combine();\n",
 "    vec4 light = vec4(r.light.rgb, r.light.a * unit * scale) * unit * scale;\n",
+"    if (counts_steps) {  // the low bits of the variance hold the number of steps, see reduce_sum.glsl\n",
+"        uint steps = min(uint(sbl_steps) / uint(SBL_STEPS_UNIT), uint(SBL_STEPS_MASK));\n",
+"        light.a = uintBitsToFloat(floatBitsToUint(max(light.a, 1e-30)) & ~uint(SBL_STEPS_MASK) | steps);\n",
+"    }\n",
 "    if (sbl_cut_short()) light.a = SBL_LOST;\n",
 "    sbl_write(out_light, light);\n",
 "    r.harmonics *= unit * scale;\n",
@@ -12756,7 +12792,7 @@ static const char *const sbl__glsl_reflect[] = {
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
 "// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost.\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost. With counts_steps, out_hits.y is sbl_steps / `rays`.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -12983,6 +13019,7 @@ static const char *const sbl__glsl_trace[] = {
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
 "    }\n",
+"    if (counts_steps) hits.y = float(sbl_steps);\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    if (sbl_cut_short()) hits.z = SBL_LOST;\n",
 "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
@@ -13230,7 +13267,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Compilation fails here if sbl__spec has padding, which memcmp would compare. Add the size of each new field. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 19 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 20 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -13295,6 +13332,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform int columns, slots;    // number of slots per row; number of slots in total\n",
 "uniform int first, last;       // indices of the first and last look to compute\n",
 "uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added\n",
+"uniform float steps_scale;     // not 0: the low bits of the variances in `lights` hold numbers of steps; their sum\n",
+"                               // times steps_scale is added to out_hits.y\n",
 "uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps\n",
 "layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
@@ -13346,7 +13385,13 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
 "    for (int i = 0; i < parts; i++) {\n",
-"        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);\n",
+"        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0);\n",
+"        if (steps_scale > 0.0 && light.a >= 0.0) {\n",
+"            uint bits = floatBitsToUint(light.a);\n",
+"            hits.y += steps_scale * float(bits & uint(SBL_STEPS_MASK));\n",
+"            light.a = uintBitsToFloat(bits & ~uint(SBL_STEPS_MASK));\n",
+"        }\n",
+"        light /= float(parts);\n",
 "        sum.rgb += light.rgb;\n",
 "        hits.w += light.a / float(parts);\n",
 "        if (light.a < 0.0) hits.z = SBL_LOST;\n",
@@ -13599,6 +13644,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
         sbl__bind(d, name, aimed ? &j->aim.light.textures[1 + k] : &blocks[0]);
     }
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
+    sbl__set_float(d, "steps_scale", spec->counts_steps ? (float)SBL__STEPS_UNIT / (float)spec->rays : 0);
     sbl__set_int(d, "even", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
@@ -13663,6 +13709,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
         for (k = 0; k < harmonics; k++) h[k] = 0;
     }
+    if (spec->counts_steps) r->hit_mean = (j->look ? r->hit_mean : 0) + hits[1];
     if (hits[2] < 0) r->valid = 0;
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
     for (k = 0; k < harmonics; k++)
@@ -16554,6 +16601,7 @@ typedef struct sbl__sensor {
                                  surface is close to it; 0: neither, or not tested */
     unsigned char queued;     /* 1: the sensor is among the sites of the current job */
     unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at sbl__pixel.position */
+    float work;               /* see SBL_CHANNEL_WORK */
 } sbl__sensor;
 
 /* The specular lobe of a pixel, for refinement of the light in lobes */
@@ -16624,6 +16672,8 @@ typedef struct sbl__pixel_lobe {
 #define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
 #define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
+#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
+                                           through the hierarchy */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 /* What a round buys: splits of tiles, and looks of sensors. */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
@@ -16759,6 +16809,8 @@ typedef struct sbl__refine {
     double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
     float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
     float price, price_paid;  /* sbl_picture_desc.price; sbl_stats.picture.price */
+    int look_rays;            /* sbl_picture_desc.look_rays */
+    int counts_steps;         /* 1: sbl__sensor.work contains the steps of rays */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
@@ -17724,6 +17776,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
     if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
     s->looks += looks;
+    s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
     r->looks_taken += looks;
     s->queued = 0;
     s->round = (short)r->rounds;
@@ -17760,6 +17813,7 @@ static void sbl__refine_restart(sbl__refine *r) {
             sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
             if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
             s->looks = 0;
+            s->work = 0;
             s->wanted = sbl__refine_first_looks(s, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
@@ -18210,6 +18264,7 @@ static int sbl__refine_after_list(void *work) {
     sbl__task task;
     sbl__refine_task(r, &task);
     task.spec.distance_limit = r->distance_limit;
+    task.spec.counts_steps = r->counts_steps && task.spec.traced;
     if (scouts || searches) {
         task.spec.rays = 1;
         task.spec.looks = scouts ? SBL__SCOUTS : SBL__PLACE_RAYS;
@@ -18253,14 +18308,20 @@ static int sbl__refine_after_take(void *work) {
 /* Returns the factor by which the rays of a look must grow if the first round has shown that they are too few for the
    target error; otherwise, and after later rounds, 1. */
 static int sbl__refine_growth(const sbl__refine *r) {
-    return r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
+    const int decides = r->rounds == 1 && !r->look_rays;
+    return decides ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
 }
 
-/* Returns 1 if the first round has shown that looks are so noisy that their rays should be guided, see >>guide. */
+/* Returns 1 if rays should be guided, see >>guide, and are not yet: because the host asks for it, or because the first
+   round has shown that looks are very noisy. */
 static int sbl__refine_needs_guides(const sbl__refine *r) {
     const double least = SBL__LOOK_VARIANCE * (double)r->target_error * (double)r->target_error;
-    return r->rounds == 1 && r->spec->traced && !r->spec->guided && !r->spec->no_light && !r->spec->lobe &&
-           !r->measurement->options.rays && r->look_variance >= least;
+    return (r->look_rays ? r->look_rays < 0 : r->rounds == 1 && r->look_variance >= least) && r->spec->traced &&
+           !r->spec->guided && !r->spec->no_light && !r->spec->lobe && !r->measurement->options.rays;
+}
+
+static int sbl__refine_after_tiles(void *work) {
+    return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
 }
 
 static int sbl__refine_after_weigh(void *work) {
@@ -18276,6 +18337,7 @@ static int sbl__refine_after_weigh(void *work) {
     r->core->stats.picture.radiance_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
     r->core->stats.picture.price = r->price_paid;
+    r->core->stats.picture.look_rays = r->spec->guided ? -r->measurement->look_rays : r->measurement->look_rays;
     memcpy(r->core->stats.picture.mean_radiance, r->mean, sizeof r->mean);
     return SBL__REFINE_SPEND;
 }
@@ -18306,7 +18368,7 @@ static int sbl__refine_after_guides(void *work) {
 /* Refines, piece by piece. Returns SBL_SUCCESS after a round that has bought nothing, see sbl__weigh_end. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { sbl__refine_tiles, NULL, NULL, NULL },
+        { sbl__refine_tiles, sbl__refine_after_tiles, NULL, NULL },
         { sbl__refine_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
@@ -18335,6 +18397,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     memcpy(r->mean, desc->mean_radiance, sizeof r->mean);
     r->mean_is_given = !sbl__all_zero(desc->mean_radiance, 3);
     r->price = desc->price;
+    r->look_rays = desc->look_rays;
+    r->counts_steps = desc->measure_work;
     r->measurement = measurement;
     r->spec = spec;
     r->width = desc->width;
@@ -19621,8 +19685,9 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     const int most = c->device.gl.capabilities.max_texture_size;
     const sbl__window window = sbl__window_of(d);
     *measurement = sbl__measurement_of(&d->options, d->sensor_kind, d->sensor_fov);
-    measurement->look_rays = sbl__look_rays(d->target_error);
+    measurement->look_rays = d->look_rays ? abs(d->look_rays) : sbl__look_rays(d->target_error);
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
+    measurement->looks = SBL__MAX(measurement->looks * sbl__look_rays(d->target_error) / measurement->look_rays, 1);
     if (window.size[0] <= most && window.size[1] <= most) return SBL_SUCCESS;
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
              "textures are at most %d across", where, window.size[0], window.size[1], most);
@@ -20077,7 +20142,8 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
     { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 },
     { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
+    { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 },
+    { 1, 0, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. host_pixel: index of the pixel of the host */
@@ -20091,6 +20157,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
         depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
     else if (channel == SBL_CHANNEL_LOOKS) out[0] = sensor->level ? (float)sensor->looks : 0;
+    else if (channel == SBL_CHANNEL_WORK) out[0] = sensor->level ? sensor->work : 0;
     else if (channel == SBL_CHANNEL_RADIANCE_ERROR) out[0] = pixel->error;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
@@ -20221,13 +20288,14 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
     f->measurement.options.backend = SBL_BACKEND_TRACE;
-    f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* undoes a restart's
-                                                                                              reduction of looks */
+    f->measurement.looks = f->measurement.looks * f->measurement.look_rays /
+                           sbl__look_rays(desc.target_error);  /* undoes a restart's reduction of looks */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
     f->measurement.every_ray = 1;
     f->measurement.options.ray_length = 0;  /* the host's limit is only for rays over the hemisphere */
     f->spec.lobe = 1;
     desc.price = 0;
+    desc.look_rays = 0;
     desc.threshold = 0;
     memset(desc.mean_radiance, 0, sizeof desc.mean_radiance);
     sbl__refine_begin(&f->refine, m->work.core, &f->measurement, &f->spec, &desc,

@@ -20,7 +20,7 @@ enum {
     FACT_CHANNEL,
     FACT_SIZE,      /* size of the full picture */
     FACT_MEAN,      /* mean R of the full picture, which errors are relative to */
-    FACT_PRICE,     /* least benefit of a look; see sbl_picture_desc.price */
+    FACT_PRICE,     /* least benefit of a look, and its number of rays: price and look_rays of sbl_picture_desc */
     FACT_EXPOSURE,  /* in stops; 0 if the channel has no exposure */
     FACT_RENDERER,  /* GL_RENDERER */
     FACT_PART,      /* such as "3/16", or empty */

@@ -602,7 +602,7 @@ static int look_at_map(void *user, plan_cost *cost) {
 
 static void use_map_facts(void *user) {
     map_bake *b = (map_bake *)user;
-    plan_use(&b->windows.work, b->desc.mean_radiance, &b->desc.price);
+    plan_use(&b->windows.work, b->desc.mean_radiance, &b->desc.price, &b->desc.look_rays);
 }
 
 static double map_window_bytes(const void *user, const int window[4]) {

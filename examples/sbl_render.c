@@ -621,7 +621,7 @@ static void find_facts(shot *s) {
 static void use_facts(void *user) {
     shot *s = (shot *)user;
     double exposure = 0;
-    plan_use(&s->windows.work, s->desc.mean_radiance, &s->desc.price);
+    plan_use(&s->windows.work, s->desc.mean_radiance, &s->desc.price, &s->desc.look_rays);
     sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
     s->desc.exposure = (float)exposure;
     s->desc.auto_exposure = 0;
@@ -639,6 +639,7 @@ static int look_at_whole(void *user, plan_cost *cost) {
     small.height = (int)ceil(s->desc.height / shrink);
     memset(small.window, 0, sizeof small.window);
     small.samples = 1;
+    small.measure_work = 1;
     small.auto_exposure = isnan(options.exposure);
     small.exposure = small.auto_exposure ? 0 : (float)options.exposure;
     memset(&stats, 0, sizeof stats);

@@ -16,27 +16,25 @@
    left of x. */
 typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 
-/* The cost of a pixel is the number of looks that its sensor took in the small picture (SBL_CHANNEL_LOOKS), plus this
-   factor times the mean number of looks. The second term stands for the sensors of the first level, which are
-   everywhere: their share is larger in the full picture than in the small one. In four rooms, values from 0.2 to 0.6
-   fitted best. */
-#define PLAN_BASE 0.4
+/* Cost of a pixel in addition to the work of the small picture's sensors there, relative to the mean work. It stands
+   for the sensors of the first level, which are everywhere, and for the work on pixels that needs no rays. */
+#define PLAN_BASE 0.02
 
-/* Computes the sums. Returns 0 if memory runs out. looks: number of looks of each pixel */
-static int plan_cost_make(plan_cost *c, const image *looks) {
-    const size_t across = (size_t)looks->width + 1;
+/* Computes the sums. Returns 0 if memory runs out. work: SBL_CHANNEL_WORK of the small picture */
+static int plan_cost_make(plan_cost *c, const image *work) {
+    const size_t across = (size_t)work->width + 1;
     double base = 0;
     int x, y;
-    c->width = looks->width;
-    c->height = looks->height;
-    c->sums = (double *)calloc(across * ((size_t)looks->height + 1), sizeof *c->sums);
+    c->width = work->width;
+    c->height = work->height;
+    c->sums = (double *)calloc(across * ((size_t)work->height + 1), sizeof *c->sums);
     if (!c->sums) return 0;
-    for (x = 0; x < looks->width * looks->height; x++) base += (double)looks->values[x];
-    base = PLAN_BASE * base / looks->width / looks->height + 1e-9;
-    for (y = 0; y < looks->height; y++)
-        for (x = 0; x < looks->width; x++) {
+    for (x = 0; x < work->width * work->height; x++) base += (double)work->values[x];
+    base = PLAN_BASE * base / work->width / work->height + 1e-9;
+    for (y = 0; y < work->height; y++)
+        for (x = 0; x < work->width; x++) {
             double *sum = &c->sums[(size_t)y * across + (size_t)x];
-            sum[across + 1] = sum[across] + sum[1] - sum[0] + base + (double)looks->values[y * looks->width + x];
+            sum[across + 1] = sum[across] + sum[1] - sum[0] + base + (double)work->values[y * work->width + x];
         }
     return 1;
 }
@@ -173,31 +171,34 @@ static double plan_small(double across) {
 
 #define PRICE_GROWTH 0.4  /* the price grows with this power of the number of pixels; see ON PARTS in sbl.h */
 
-/* Sets the facts of mean and price. stats: of the small version. shrink: its reduction factor */
+/* Sets the facts of the mean, and of the price with the rays per look. stats: of the small version. shrink: its
+   reduction factor */
 static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) {
     const float *mean = stats->picture.mean_radiance;
     plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2]);
-    plan_fact(p, FACT_PRICE, "%.9g", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH));
+    plan_fact(p, FACT_PRICE, "%.9g %d", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH),
+              stats->picture.look_rays);
 }
 
 /* Returns 1 if the text of a fact has the form that plan_mean_and_price or `look` writes. */
 static int plan__is_valid(int fact, const char *text) {
     const int count = fact == FACT_MEAN ? 3 : 1;
     double numbers[3];
-    int k, end = 0, ok;
-    ok = count == 3 ? sscanf(text, "%lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &end) == 3
-                    : sscanf(text, "%lf%n", &numbers[0], &end) == 1;
+    int k, rays, end = 0, ok;
+    if (fact == FACT_PRICE) ok = sscanf(text, "%lf %d%n", &numbers[0], &rays, &end) == 2;
+    else ok = count == 3 ? sscanf(text, "%lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &end) == 3
+                         : sscanf(text, "%lf%n", &numbers[0], &end) == 1;
     for (k = 0; k < count && ok; k++)
         ok = fabs(numbers[k]) <= FLT_MAX && (fact == FACT_EXPOSURE || numbers[k] >= 0);
     return ok && !text[end];
 }
 
-/* Gets mean and price from the facts. */
-static void plan_use(const plan *p, float mean[3], float *price) {
+/* Gets mean, price and rays per look from the facts. */
+static void plan_use(const plan *p, float mean[3], float *price, int *rays) {
     double numbers[4] = { 0, 0, 0, 0 };
     int k;
     sscanf(p->facts[FACT_MEAN].text, "%lf %lf %lf", &numbers[0], &numbers[1], &numbers[2]);
-    sscanf(p->facts[FACT_PRICE].text, "%lf", &numbers[3]);
+    sscanf(p->facts[FACT_PRICE].text, "%lf %d", &numbers[3], rays);
     for (k = 0; k < 3; k++) mean[k] = (float)numbers[k];
     *price = (float)numbers[3];
 }

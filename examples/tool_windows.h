@@ -43,15 +43,15 @@ static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
     sbl_result result = work(context);
     const sbl_stats stats = sbl_query_stats(context);
-    image looks = { 0 };
+    image spent = { 0 };
     clear_progress(w->bar);
     if (result != SBL_SUCCESS) return result;
     w->looked = 1;
     plan_mean_and_price(&w->work, &stats, shrink);
     if (!cost) return result;
-    result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_LOOKS, &looks);
-    if (result == SBL_SUCCESS && !plan_cost_make(cost, &looks)) result = SBL_ERROR_OUT_OF_MEMORY;
-    free(looks.values);
+    result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_WORK, &spent);
+    if (result == SBL_SUCCESS && !plan_cost_make(cost, &spent)) result = SBL_ERROR_OUT_OF_MEMORY;
+    free(spent.values);
     return result;
 }
 

@@ -5,6 +5,7 @@
 uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace
                                  // neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs
+uniform bool counts_steps;       // true: the outputs also tell the steps of rays, see sbl__spec.counts_steps
 uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on
 
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);

@@ -559,6 +559,10 @@ void main() {
     if (stopped) r = sbl_combine_after(early);
     else r = sbl_combine();
     vec4 light = vec4(r.light.rgb, r.light.a * unit * scale) * unit * scale;
+    if (counts_steps) {  // the low bits of the variance hold the number of steps, see reduce_sum.glsl
+        uint steps = min(uint(sbl_steps) / uint(SBL_STEPS_UNIT), uint(SBL_STEPS_MASK));
+        light.a = uintBitsToFloat(floatBitsToUint(max(light.a, 1e-30)) & ~uint(SBL_STEPS_MASK) | steps);
+    }
     if (sbl_cut_short()) light.a = SBL_LOST;
     sbl_write(out_light, light);
     r.harmonics *= unit * scale;

@@ -5,6 +5,8 @@ uniform ivec2 blocks;          // width and height of a look's slot in the textu
 uniform int columns, slots;    // number of slots per row; number of slots in total
 uniform int first, last;       // indices of the first and last look to compute
 uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added
+uniform float steps_scale;     // not 0: the low bits of the variances in `lights` hold numbers of steps; their sum
+                               // times steps_scale is added to out_hits.y
 uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps
 layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
 layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
@@ -56,7 +58,13 @@ void main() {
     }
     vec3 rays_light = sum.rgb;
     for (int i = 0; i < parts; i++) {
-        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);
+        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0);
+        if (steps_scale > 0.0 && light.a >= 0.0) {
+            uint bits = floatBitsToUint(light.a);
+            hits.y += steps_scale * float(bits & uint(SBL_STEPS_MASK));
+            light.a = uintBitsToFloat(bits & ~uint(SBL_STEPS_MASK));
+        }
+        light /= float(parts);
         sum.rgb += light.rgb;
         hits.w += light.a / float(parts);
         if (light.a < 0.0) hits.z = SBL_LOST;

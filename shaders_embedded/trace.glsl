@@ -1,6 +1,6 @@
 // Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
 // outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
-// part, and out_hits.z is SBL_LOST if rays were lost.
+// part, and out_hits.z is SBL_LOST if rays were lost. With counts_steps, out_hits.y is sbl_steps / `rays`.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
@@ -227,6 +227,7 @@ void main() {
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;
     }
+    if (counts_steps) hits.y = float(sbl_steps);
     sbl_write(out_sum, sum / float(rays));
     if (sbl_cut_short()) hits.z = SBL_LOST;
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));

@@ -93,6 +93,8 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
+int sbl_steps = 0;  // iterations of the loops of sbl_nearest, over all rays of the invocation
+
 // Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.
 // Hits are ordered by distance and, at the same distance, by the index of their triangle.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
@@ -112,7 +114,9 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     uint node = node_count == 0 ? SBL_END : 1u;
     // Each outer iteration tests one leaf, or enters or leaves a nested grid. Inner iterations visit nodes, and
     // share the counter. On softpipe, these loops do not terminate without a limit.
-    for (int iterations = 4 * node_count + 4; iterations > 0; iterations--) {
+    int iterations = 4 * node_count + 4;
+    sbl_steps += iterations;
+    for (; iterations > 0; iterations--) {
         for (; node < SBL_LEAF && iterations > 0; iterations--) {  // descends, nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);
@@ -139,6 +143,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
         for (int t = from; t <= to; t++) sbl_test(t, ray, hit);
         node = stack[top--];
     }
+    sbl_steps -= iterations;
     return hit;
 }
 

@@ -1072,7 +1072,7 @@ TEST(values_that_do_not_exist) {
          "sbl_read_channel", "channel is -1");
     SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT,
          INVALID_ARGUMENT,
-        "sbl_read_channel", "channel is 28");
+        "sbl_read_channel", "channel is 29");
     CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0,
           "textures of channels that do not exist");
     CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0,

@@ -8,7 +8,7 @@
 #include "support/gl_host.h"
 #include "support/gl_fake.h"
 
-enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 70 * PIXELS };  /* 21 channels of 3 floats, 7 of 1 */
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 71 * PIXELS };  /* 21 channels of 3 floats, 8 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
 
 static watch seen;

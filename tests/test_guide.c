@@ -387,6 +387,30 @@ TEST(windows_have_the_guides_of_the_whole) {
     sbl_destroy(context);
 }
 
+/* A picture tells how many rays its looks took. A picture that is given this number takes as many from the start, and
+   guides them if the number is negative, however noisy its looks are. */
+TEST(pictures_take_the_rays_they_are_given) {
+    static const int given[4] = { 0, 16, -64, 128 };
+    sbl_context *context = watch_context(&seen, NULL, &dark_room);
+    int i;
+    REQUIRE(context, "no context");
+    for (i = 0; i < 4; i++) {
+        sbl_picture_desc view = view_of();
+        const sbl__refine *r = &context->picture.map.refine;
+        sbl_stats s;
+        view.look_rays = given[i];
+        view.target_error = 0.08f;
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+        s = sbl_query_stats(context);
+        if (i) CHECK(s.picture.look_rays == given[i], "%d rays, not %d", s.picture.look_rays, given[i]);
+        else CHECK(s.picture.look_rays < -16, "rays are not guided: %d", s.picture.look_rays);
+        CHECK(r->spec->rays == abs(s.picture.look_rays) && r->spec->guided == (s.picture.look_rays < 0),
+              "%d rays, guided: %d", r->spec->rays, r->spec->guided);
+        CHECK(!i || r->spec->looks == SBL__MAX_LOOKS * 16 / abs(given[i]), "at most %d looks", r->spec->looks);
+    }
+    sbl_destroy(context);
+}
+
 /* Each failing allocation gives an error, and the next picture is the usual one, to the bit. */
 TEST(memory_runs_out) {
     static float expected[3 * PIXELS], now[3 * PIXELS];
@@ -453,6 +477,7 @@ int main(void) {
     RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);
+    RUN(pictures_take_the_rays_they_are_given);
     RUN(memory_runs_out);
     scene_free(&dark_room);
     return test_report();

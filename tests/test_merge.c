@@ -155,6 +155,37 @@ TEST(prices_grow_with_the_pixels) {
     CHECK(fabs(prices[1] / prices[0] / pow(4, 0.4) - 1) < 1e-5, "prices %g and %g", prices[0], prices[1]);
 }
 
+/* The windows of a plan take about the same time, and not only the same number of rays: a floor under an even sky looks
+   the same everywhere, but rays from its left half pass thousands of small leaves. The left part is then smaller. */
+TEST(plans_know_what_rays_take) {
+    enum { LEAVES = 3000 };
+    const size_t room = (size_t)LEAVES * 128 + 256;
+    char *text = (char *)malloc(room), plan[4096];
+    const char *first;
+    int i, k, lines, width = 0;
+    size_t used;
+    uint32_t seed = 7;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    REQUIRE(text, "out of memory");
+    used = (size_t)snprintf(text, room, "v -9 0 -9\nv -9 0 9\nv 9 0 9\nv 9 0 -9\nf 1 2 3 4\n");
+    for (i = 0; i < LEAVES; i++) {
+        double at[3];
+        for (k = 0; k < 3; k++) at[k] = (double)((seed = seed * 1664525u + 1013904223u) >> 8) / 16777216;
+        at[0] = 3 * at[0] - 3, at[1] = 1.1 + at[1], at[2] = 3 * at[2] - 1.5;
+        used += (size_t)snprintf(text + used, room - used, "v %.4f %.4f %.4f\nv %.4f %.4f %.4f\nv %.4f %.4f %.4f\n"
+                         "f -1 -2 -3\n", at[0], at[1], at[2], at[0] + 0.004, at[1], at[2], at[0], at[1], at[2] + 0.004);
+    }
+    write_text("leaves.obj", text);
+    free(text);
+    CHECK(RENDER("leaves.obj", "--sky", "1,1,1", "--eye", "0,1,0", "--look-at", "0,0,0", "--up", "0,0,-1", "--fov",
+                 "35", SMALL, "--quiet", "--mode", "direct", "--size", "192x64", "--part", "1/2", "-o", "a.exr",
+                 "--plan", "leaves") == 0, "%s", ran.err);
+    read_text(in_folder("leaves"), plan, sizeof plan, &lines);
+    first = strstr(plan, "\nwindow 0 0 ");
+    CHECK(first && sscanf(first, " window 0 0 %d", &width) == 1 && width >= 16 && width <= 80,
+          "the left part is %d of 192 pixels wide", width);
+}
+
 /* Copies a part to the file `to`, and changes the width of the complete picture in it to about 2^30 pixels. */
 static void widen(const char *from, const char *to) {
     static const char name[] = "displayWindow\0box2i";
@@ -388,6 +419,7 @@ int main(int argc, char **argv) {
     RUN(parts_do_not_depend_on_each_other);
     RUN(the_first_plan_counts);
     RUN(prices_grow_with_the_pixels);
+    RUN(plans_know_what_rays_take);
     RUN(wrong_parts_are_refused);
     RUN(windows_are_joined);
     RUN_PLAIN(drivers_may_differ);

@@ -358,6 +358,13 @@ TEST(wrong_windows_are_refused) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a negative mean is accepted");
     view.mean_radiance[1] = (float)NAN;
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
+    for (i = 0; i < 4; i++) {
+        static const int rays[4] = { 8, 48, -256, -2147483647 - 1 };
+        view = cornell_view(SBL_MODE_DIRECT);
+        view.look_rays = rays[i];
+        CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT && strstr(watch_last(&seen), "look_rays"),
+              "%d rays per look: %s", rays[i], watch_last(&seen));
+    }
 }
 
 /* Makes the four quarters of the picture. looks: receives the total number of their looks. Returns the RMS of their
@@ -412,6 +419,37 @@ TEST(windows_share_a_price) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a price that is no number is accepted");
 }
 
+/* SBL_CHANNEL_WORK counts looks and, if the host asks for it, the steps that rays take, here those to the lamp: more
+   where the room is crowded. It is the same again, and measuring it does not change the light visibly. */
+TEST(work_is_measured) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    static float looks[PIXELS];
+    double off = 0, mean = 0, least = 1e30, most = 0;
+    int i;
+    view.target_error = 0.05f;
+    if (!make(&view, SBL_CHANNEL_LOOKS, looks, PIXELS) || !make(&view, SBL_CHANNEL_WORK, part, PIXELS)) return;
+    CHECK(memcmp(looks, part, sizeof looks) == 0, "without measure_work, the work is not the number of looks");
+    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    view.measure_work = 1;
+    if (!make(&view, SBL_CHANNEL_RADIANCE, part, PIXELS)) return;
+    for (i = 0; i < 3 * PIXELS; i++) {
+        off += fabs((double)part[i] - (double)whole[i]);
+        mean += (double)whole[i];
+    }
+    CHECK(off < 0.005 * mean, "R changes by %g of its mean", off / mean);
+    if (!make(&view, SBL_CHANNEL_LOOKS, looks, PIXELS) || !make(&view, SBL_CHANNEL_WORK, part, PIXELS) ||
+        !make(&view, SBL_CHANNEL_WORK, again, PIXELS)) return;
+    CHECK(memcmp(part, again, PIXELS * sizeof *part) == 0, "the work differs from time to time");
+    for (i = 0; i < PIXELS; i++) {
+        const double steps = looks[i] > 0 ? (double)part[i] / (double)looks[i] - 1 : 0;
+        CHECK(looks[i] > 0 ? steps >= 0 : part[i] == 0.0f, "pixel %d: %g looks, work %g", i, (double)looks[i],
+              (double)part[i]);
+        if (looks[i] > 0) least = fmin(least, steps);
+        most = fmax(most, steps);
+    }
+    CHECK(most > 2 && most > 2 * least, "steps per look from %g to %g", least, most);
+}
+
 int main(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene;
@@ -433,6 +471,7 @@ int main(void) {
     RUN(windows_measure_their_own_exposure);
     RUN(wrong_windows_are_refused);
     RUN(windows_share_a_price);
+    RUN(work_is_measured);
     sbl_destroy(context);
     scene_free(&cornell);
     return test_report();

@@ -5,7 +5,7 @@
 
 /* Of the channels, 21 have 3 floats per pixel, and 7 have 1. */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
-    SMALL_FLOATS = 70 * SMALL_PIXELS };
+    SMALL_FLOATS = 71 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
