@@ -47,8 +47,48 @@ struct sbl_Reflection {
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
     vec3 direction, share;  // of the next segment: direction, and factor of the throughput
-    float density;          // ray_density of the next segment
+    float density;          // ray_density of the next segment: its pdf / SBL_LAMP_TRIES, because MIS
+                            // weights compare one ray of the lobe with so many points of a lamp
 };
+
+#ifdef SBL_SPECULAR
+// A narrow lobe reflects a small part of a lamp. A surface that shines therefore tries this many points of the
+// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,
+// Cline and Egbert 2005, "Importance Resampling for Global Illumination").
+#ifdef SBL_LOBE
+const int SBL_LAMP_TRIES = 1;  // more make the sensors of lobes slower, but not better
+#else
+const int SBL_LAMP_TRIES = 8;
+#endif
+// Step from point to point in the unit square (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+// Sequences")
+const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);
+
+// Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.
+// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the chance
+// of the point among those that were tried, times its MIS weight.
+vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {
+    sbl_Sample tried = s;
+    vec3 light = vec3(0);
+    float all = 0.0;
+    for (int k = 1; k <= SBL_LAMP_TRIES; k++) {
+        float met = sbl_met_by_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));
+        vec3 found = (1.0 - met) * sbl_lobe_factor(shine, tried.direction) * tried.light;
+        float weight = found.r + found.g + found.b;
+        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect
+        all += weight;
+        float chance = weight / max(all, 1e-30);
+        bool takes = pick < chance;
+        pick = min((takes ? pick : pick - chance) / max(takes ? chance : 1.0 - chance, 1e-7), 0.9999999);
+        if (takes) {
+            s = tried;
+            light = found / weight;
+        }
+        if (k < SBL_LAMP_TRIES) tried = sbl_sample(l, fract(u + float(k) * SBL_LAMP_STEP));
+    }
+    return light * (all / float(SBL_LAMP_TRIES));
+}
+#endif
 
 // Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment. direction:
 // direction of the ray that arrives at the hit. hash: source of the random numbers
@@ -82,7 +122,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
         r.share *= material.opacity;
-        r.density = sbl_lobe_density(shine, r.direction);
+        r.density = sbl_lobe_density(shine, r.direction) / float(SBL_LAMP_TRIES);
         if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
     }
 #endif
@@ -96,9 +136,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     r.light = sbl_reflected(material, s.light) * (unit / p.chance);
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
-        float met = sbl_met_by_lobe(l, s, sbl_lobe_density(shine, s.direction));
-        r.light = sbl_lobe_factor(shine, s.direction) * s.light;
-        r.light *= material.opacity * (1.0 - met) * unit / p.chance;
+        float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;
+        r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);
     }
 #endif
 #ifdef SBL_TEXTURED

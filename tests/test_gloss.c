@@ -1001,9 +1001,10 @@ TEST(furnace_of_a_room) {
 }
 
 /* Returns R of a floor, under the sky or a lamp, beside a wall: black if `metal` is 0, white metal if it is 1, black
-   gloss if it is -1. */
-static double beside_a_wall(int metal, int lamp, double roughness) {
-    enum { SITES = 16 };
+   gloss if it is -1. R is the mean of readings of this many rays. spread: receives their standard deviation */
+static double readings_beside(int metal, int lamp, double roughness, int rays, double *spread) {
+    enum { RAYS = 32768, SITES = 256 };
+    const int count = RAYS / rays;
     sbl_site sites[SITES];
     sbl_reading readings[SITES];
     sbl_readings_desc desc = { 0 };
@@ -1011,25 +1012,32 @@ static double beside_a_wall(int metal, int lamp, double roughness) {
     test_scene s = { 0 };
     const int wall = metal > 0 ? scene_gloss(&s, 1, 1, 1, 1, roughness) : metal < 0 ?
         scene_gloss(&s, 0, 0, 0, 0, roughness) : scene_material(&s, 0, 0, 0);
-    double mean = 0;
+    double mean = 0, squares = 0;
     int i;
     memset(sites, 0, sizeof sites);
     memset(readings, 0, sizeof readings);
-    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (i = 0; i < count; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
     scene_quad(&s, wall, -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
     if (lamp) scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.5f, 1.5f, -1, 0.5f, 1.5f, 1, 2.5f, 1.5f, 1, 2.5f, 1.5f, -1);
     else scene_sky(&s, 1, 1, 1);
     scene = scene_desc(&s);
     desc.sites = sites;
     desc.readings = readings;
-    desc.site_count = SITES;
+    desc.site_count = count;
     desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = 2048;
+    desc.options.rays = rays;
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
           "no reading: %s", watch_last(&seen));
     scene_free(&s);
-    for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
+    for (i = 0; i < count; i++) mean += (double)readings[i].radiance[1] / count;
+    for (i = 0; i < count; i++) squares += pow((double)readings[i].radiance[1] - mean, 2) / count;
+    *spread = sqrt(squares);
     return mean;
+}
+
+static double beside_a_wall(int metal, int lamp, double roughness) {
+    double spread;
+    return readings_beside(metal, lamp, roughness, 2048, &spread);
 }
 
 /* Walls of metal reflect the sky and a lamp to the floor beside them. For light that rays find by way of mirrors, a
@@ -1050,6 +1058,14 @@ TEST(metal_lights_floors) {
         CHECK(fabs(added / cases[i].lamp - 1) < 0.03, "roughness %g: the wall adds %.4f, not %.4f", cases[i].roughness,
               added, cases[i].lamp);
     }
+}
+
+/* Readings of 128 rays differ little where metal reflects a lamp to the floor, because each ray that meets the metal
+   chooses among points of the lamp. With one point per ray, they would differ by 0.0116. */
+TEST(metal_lights_floors_evenly) {
+    double spread, mean = readings_beside(1, 1, 0.45, 128, &spread);
+    printf("    readings of mean %.4f differ by %.4f\n", mean, spread);
+    CHECK(spread < 0.0095, "the readings differ by %.4f", spread);
 }
 
 /* A wall of black gloss reflects the sky to the floor beside it, mostly at grazing angles. The floor sees the wall at a
@@ -1834,6 +1850,7 @@ int main(void) {
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
+    RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
