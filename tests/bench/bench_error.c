@@ -8,6 +8,7 @@
        build/bench_error --pictures FOLDER     also writes R and the predicted error of each room to FOLDER
        build/bench_error --gloss --error 0.015 rooms with mirrors, metal, gloss and panes (seeds as above): compares
                                                FINAL with the radiance that a path tracer finds at the pixels' centres
+       build/bench_error --gloss-check         only compares that path tracer with closed forms
    True pictures are kept in build/truth; increase VERSION when rooms change. A true picture takes minutes of processor
    time, and that of a storey takes 40.
    All errors are relative to the mean of the true picture, and its noise is subtracted. A negative error is too small
@@ -29,6 +30,7 @@
 #include "bench_truth.h"
 #include "bench_gloss_rooms.h"
 #include "bench_gloss_truth.h"
+#include "bench_gloss_check.h"
 
 enum { VERSION = 2, GLOSS_VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
        GLOSS_SAMPLES = 512, ROOMS_MOST = 256,
@@ -453,7 +455,8 @@ static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] [--gloss]\n");
+    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] "
+                    "[--gloss | --gloss-check]\n");
     return 2;
 }
 
@@ -466,6 +469,7 @@ int main(int argc, char **argv) {
     double targets[16];
     int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1, shines = 0;
     for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--gloss-check") == 0) return !gloss_check();
         if (strcmp(argv[i], "--gloss") == 0) { shines = 1; continue; }
         if (i + 1 == argc) return usage();
         if (strcmp(argv[i], "--rooms") == 0) { if (!(count = read_seeds(argv[++i], seeds))) return usage(); }
@@ -474,7 +478,7 @@ int main(int argc, char **argv) {
         else return usage();
     }
     if (!target_count) { targets[0] = 0.008; targets[1] = 0.015; targets[2] = 0.03; target_count = 3; }
-    if (!check_truth() || !host_gl_open("bench_error")) return 1;
+    if (!check_truth() || (shines && !gloss_check()) || !host_gl_open("bench_error")) return 1;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
     printf("room, target | predicted, true, predicted/true | 4x4, 8x8, bias | edge pixels: predicted, true, share of "
            "squared error |\n    smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck |\n"
