@@ -82,10 +82,16 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 #ifdef SBL_SPECULAR
 // At a surface of larger reflectance, a path continues in a direction of the surface's lobe.
 const float SBL_SHINY = 0.2;
+const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
 
 // Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.
 bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
+}
+
+// Returns true for gloss whose lobe and diffuse part are apart for rays that hit it, see sbl_face_ray.
+bool sbl_is_met_as_gloss(sbl_Material m) {
+    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);
 }
 
 // Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light
@@ -148,13 +154,22 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Returns the radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Returns the factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo at the point, divided by
-// the albedo with which sbl__reflect computed the radiance.
+// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). Rays
+// that hit gloss find the light of its lobe.
+vec3 sbl_glow_albedo(sbl_Material m) {
+#ifdef SBL_SPECULAR
+    if (sbl_is_met_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
+#endif
+    return m.albedo;
+}
+
+// Returns the factor of a glow's radiance at a point: sbl_glow_albedo at the point, divided by the albedo with
+// which sbl__reflect computed the radiance.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 #ifdef SBL_SPECULAR
     sbl_Material m = sbl_material(object, at);
     float least = sbl_object_reflectance(object) < 0.0 ? SBL_DIVISOR_LEAST : SBL_GLOW_ALBEDO;
-    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(least));
+    return m.cut_out ? vec3(0) : sbl_glow_albedo(m) / max(sbl_object_albedo(object), vec3(least));
 #else
     vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
     return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;

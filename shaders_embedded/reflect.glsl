@@ -5,28 +5,34 @@
 // A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
 // (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that
 // arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
-// "Path Space Regularization for Holistic and Robust Light Transport").
-const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
-const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
+// "Path Space Regularization for Holistic and Robust Light Transport"). Gloss gets at least SBL_BLURRED_GLOSS,
+// because it reflects less light.
+const float SBL_BLURRED = 0.3, SBL_BLURRED_GLOSS = 0.15, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_met); 0: ignore lamps that the ray hits
 
-// Sets hit_shines for a hit, and the albedo of gloss to its value for the angle between ray and surface, because
-// gloss at a grazing angle shines like metal. direction: direction of the ray
-void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction) {
+// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines
+// for a part of the rays only, with the chance reflectance / SBL_SHINY. Opacity is divided by this chance, because
+// it is a factor of the lobe. A pane always shines, because sbl_passes has chosen the rays that it reflects. The
+// albedo of gloss becomes that of its diffuse part for this angle. direction: direction of the ray. last: true if
+// the ray ends here; nothing shines then, and the albedo includes the lobe
+void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_shines = sbl_shines(m, m.reflectance);
-    bool is_gloss = !hit_shines && m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET;
-    for (int once = 0; once < (is_gloss ? 1 : 0); once++) {
+    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
         vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
         vec3 across = cross(side_1, side_2);
         float sizes = length(across) * length(direction);
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
-        vec3 share = sbl_fresnel(m.reflectance, cosine);
-        hit_shines = sbl_shines(m, share);
-        m.albedo = sbl_diffuse_albedo(m, cosine) + sbl_lobe_reflected(m, cosine, vec3(1));
+        vec3 share = sbl_fresnel(m.reflectance, cosine), lobe_share = sbl_lobe_reflected(m, cosine, vec3(1));
+        float chance = min(max(share.r, max(share.g, share.b)) / SBL_SHINY, 1.0);
+        if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;
+        hit_shines = sbl_random_of(hit, 1u) < chance;
+        m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? lobe_share : vec3(0));
+        m.opacity /= max(chance, SBL_DIVISOR_LEAST);
     }
+    hit_shines = hit_shines && !last;
 }
 
 // Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.
@@ -117,7 +123,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_LOBE
         float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
 #else
-        const float least = SBL_BLURRED;
+        float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);

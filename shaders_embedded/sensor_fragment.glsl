@@ -40,8 +40,9 @@ void main() {
     int number = first_triangle + gl_PrimitiveID;
     int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));
     vec3 light = sbl_light_of(leaf);
-    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));
-    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
+    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));
+    sbl_Material material = sbl_material(fragment_object, at);
+    radiance += radiance_scale * (sbl_reflected(material, light) - sbl_glow_albedo(material) * glow);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH

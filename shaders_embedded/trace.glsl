@@ -73,8 +73,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
-    sbl_face_ray(material, hit, arriving);
-    hit_shines = hit_shines && !last;
+    sbl_face_ray(material, hit, arriving, last);
     goes_on = goes_on || hit_shines;
     bool reads_store = !goes_on || hit_shines || bright_cells > 0;
 #else

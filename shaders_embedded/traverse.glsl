@@ -154,6 +154,18 @@ const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the transmitted fr
 const int SBL_RAY_SOLID = 2;   // the ray stops
 vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
 
+#ifdef SBL_SPECULAR
+// Returns a random number in [0, 1) that depends on the point of the hit. which: selects one of several
+// independent numbers
+float sbl_random_of(sbl_Hit hit, uint which) {
+    uint hash = floatBitsToUint(hit.b1) * 2654435769u ^ floatBitsToUint(hit.b2) * 2246822519u ^ uint(hit.number);
+    hash += which * 3266489917u;
+    hash = (hash ^ hash >> 15) * 747796405u;
+    hash = (hash ^ hash >> 13) * 2246822519u;
+    return float(hash >> 8) / SBL_FRACTIONS;
+}
+#endif
+
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
 // Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted fraction
 // (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH).
@@ -165,10 +177,7 @@ bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
     if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;
-    uint hash = floatBitsToUint(hit.b1) * 2654435769u ^ floatBitsToUint(hit.b2) * 2246822519u ^ uint(hit.number);
-    hash = (hash ^ hash >> 15) * 747796405u;
-    hash = (hash ^ hash >> 13) * 2246822519u;
-    bool passes = kind == SBL_RAY_SHADOW || float(hash >> 8) < most * SBL_FRACTIONS;
+    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < most;
     sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / most : vec3(1.0 / (1.0 - most));
     return passes;
 }

@@ -1085,6 +1085,20 @@ TEST(gloss_lights_floors) {
     }
 }
 
+/* The same wall also reflects a lamp to the floor, mostly at angles at which it reflects less than a tenth. The light
+   is a sum as for metal. */
+TEST(gloss_mirrors_lamps_to_floors) {
+    static const double wanted[2] = { 0.00461, 0.00418 };
+    const double lamp = beside_a_wall(0, 1, 0);
+    int kind;
+    for (kind = 0; kind < 2; kind++) {
+        const double roughness = 0.3 + 0.15 * kind, added = beside_a_wall(-1, 1, roughness) - lamp;
+        printf("    roughness %.2f: lamp %.5f of %.5f\n", roughness, added, wanted[kind]);
+        CHECK(fabs(added / wanted[kind] - 1) < 0.06, "roughness %g: the wall adds %.5f of the lamp, not %.5f",
+              roughness, added, wanted[kind]);
+    }
+}
+
 /* Returns the mean R on the floor of a wide room. All light comes from a bright spot on a ceiling of metal. cells:
    limit of the cells of the store */
 static double below_a_spot(double roughness, int cells) {
@@ -1852,6 +1866,7 @@ int main(void) {
     RUN_UNSANITIZED(metal_lights_floors);
     RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
+    RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);

@@ -8,6 +8,7 @@
        build/bench_error --pictures FOLDER     also writes R and the predicted error of each room to FOLDER
        build/bench_error --gloss --error 0.015 rooms with mirrors, metal, gloss and panes (seeds as above): compares
                                                FINAL with the radiance that a path tracer finds at the pixels' centres
+       build/bench_error --gloss-check         only compares that path tracer with closed forms
    True pictures are kept in build/truth; increase VERSION when rooms change. A true picture takes minutes of processor
    time, and that of a storey takes 40.
    All errors are relative to the mean of the true picture, and its noise is subtracted. A negative error is too small
@@ -29,6 +30,7 @@
 #include "bench_truth.h"
 #include "bench_gloss_rooms.h"
 #include "bench_gloss_truth.h"
+#include "bench_gloss_check.h"
 
 enum { VERSION = 2, GLOSS_VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
        GLOSS_SAMPLES = 512, ROOMS_MOST = 256,
@@ -231,6 +233,18 @@ static double worst_error(const room *r, const double *error) {
     return count ? all[(int)(0.999 * count)] : 0;
 }
 
+/* Returns the mean square of values of the pixels that count, without the 0.1 % that are largest. */
+static double trimmed_square(const room *r, const double *values) {
+    static double all[PIXELS];
+    double sum = 0;
+    int i, count = 0, kept;
+    for (i = 0; i < PIXELS; i++) if (r->kind[i]) all[count++] = values[i] * values[i];
+    qsort(all, (size_t)count, sizeof *all, ascending);
+    kept = count - (count + 999) / 1000;
+    for (i = 0; i < kept; i++) sum += all[i];
+    return kept > 0 ? sum / kept : 0;
+}
+
 /* Solves a symmetric system of three equations by Cramer's rule. Returns 0 if it is singular. m: xx xy xz yy yz zz */
 static int solve3(const double m[6], const double b[3], double out[3]) {
     const double c0 = m[3] * m[5] - m[4] * m[4], c1 = m[2] * m[4] - m[1] * m[5], c2 = m[1] * m[4] - m[2] * m[3];
@@ -331,9 +345,10 @@ static int measure(sbl_context *context, const room *r, const char *folder, row 
     out->noise = root(s.noise / s.count) / r->mean;
     out->predicted = out->target > 0 ? predicted_error(r, predicted, SMOOTH | EDGE)
                                      : (double)sbl_query_stats(context).picture.stored_error;
-    printf("%4u %4.1f | %5.2f %5.2f %5.2f | %5.2f %5.2f %+5.2f | %5.2f %5.2f %3.0f | %5.2f %5.2f | %5.0f %4.1f | "
+    printf("%4u %4.1f | %5.2f %5.2f %5.2f %5.2f | %5.2f %5.2f %+5.2f | %5.2f %5.2f %3.0f | %5.2f %5.2f | %5.0f %4.1f | "
            "%5.1f | %4.1f",
            out->seed, 100 * out->target, 100 * out->predicted, 100 * out->pixel, out->predicted / out->pixel,
+           100 * root(trimmed_square(r, error) - trimmed_square(r, r->noise)) / r->mean,
            100 * block_error(r, error, 4, SMOOTH | EDGE), 100 * block_error(r, error, 8, SMOOTH | EDGE),
            100 * s.bias / s.count / r->mean, 100 * predicted_error(r, predicted, EDGE),
            100 * block_error(r, error, 1, EDGE), 100 * s.edges / s.all, 100 * predicted_error(r, predicted, SMOOTH),
@@ -454,7 +469,8 @@ static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] [--gloss]\n");
+    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] "
+                    "[--gloss | --gloss-check]\n");
     return 2;
 }
 
@@ -467,6 +483,7 @@ int main(int argc, char **argv) {
     double targets[16];
     int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1, shines = 0;
     for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--gloss-check") == 0) return !gloss_check();
         if (strcmp(argv[i], "--gloss") == 0) { shines = 1; continue; }
         if (i + 1 == argc) return usage();
         if (strcmp(argv[i], "--rooms") == 0) { if (!(count = read_seeds(argv[++i], seeds))) return usage(); }
@@ -475,11 +492,12 @@ int main(int argc, char **argv) {
         else return usage();
     }
     if (!target_count) { targets[0] = 0.008; targets[1] = 0.015; targets[2] = 0.03; target_count = 3; }
-    if (!check_truth() || !host_gl_open("bench_error")) return 1;
+    if (!check_truth() || (shines && !gloss_check()) || !host_gl_open("bench_error")) return 1;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
-    printf("room, target | predicted, true, predicted/true | 4x4, 8x8, bias | edge pixels: predicted, true, share of "
-           "squared error |\n    smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck |\n"
-           "    seconds of CPU | noise of the true picture, kinds of light; errors in %%\n");
+    printf("room, target | predicted, true, predicted/true, true without the worst 0.1 %% | 4x4, 8x8, bias |\n"
+           "    edge pixels: predicted, true, share of squared error | smooth pixels: predicted, true |\n"
+           "    99.9th percentile of |error|/R, speck | seconds of CPU | noise of the true picture, kinds of light; "
+           "errors in %%\n");
     for (i = 0; i < count; i++) {
         room *r = room_make(seeds[i], shines);
         if (i == 0) {  /* compiles shaders */
