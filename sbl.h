@@ -452,6 +452,11 @@
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
    which measures several places per texel. A value of 2 takes about twice the time.
 
+   Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
+   mouldings they lean far from the true normals, so that a path tracer, which uses true normals, finds other light
+   there. With a facet_limit of 2, narrow triangles are lit by their true normals, too: this is as accurate as a picture
+   of the scene, but if a ball is seen from so near that a texel is larger than a pixel, its facets show.
+
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
    Another warning counts the triangles that have no area in the map; if no triangle has area there, the bake fails.
 
@@ -1514,6 +1519,9 @@ typedef struct sbl_lightmap_desc {
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
                                   texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
+    float facet_limit;         /* if above 0, triangles whose least height is at most this many texels of the mean width
+                                  are lit by their true normals, see ON LIGHTMAPS; from twice this height on, shading
+                                  normals are used, and in between, a mixture. Default: 0, shading normals */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
@@ -8854,6 +8862,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     picture.look_rays = d->look_rays;
     picture.tile = d->tile;
     picture.threshold = d->threshold;
+    picture.facet_limit = d->facet_limit > 0 ? d->facet_limit : -1;
     picture.filter_radius = d->filter_radius;
     picture.samples = 1;
     sbl__identity(picture.world_to_view);
@@ -8887,6 +8896,7 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     sbl__check_refinement(&check, &picture);
     sbl__check_window(&check, d->window, "map", d->width, d->height);
     sbl__check_int(&check, "gutter", d->gutter, -INT_MAX, SBL__MAX_SIZE);
+    sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, "directional", d->directional, 0, 1);
     if (sbl__check_int(&check, "grouped", d->grouped, 0, 1) && d->grouped) {
         sbl__check_groups(&check, "grouped", &d->options, scene);
@@ -9450,6 +9460,10 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
+/* Returns the unit of facet_limit in gbuffer_fragment.glsl: the mean width of a texel of the lightmap in world units.
+   a: NULL: the pixel of a picture */
+static float sbl__facet_unit(const sbl__atlas *a) { return a ? sbl__atlas_texel_size(a) * (float)a->across : 1; }
+
 /* Logs the number of triangles without area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if no triangle has
    area in the map. */
 static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
@@ -9878,9 +9892,9 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels or the texels of a lightmap show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // in pixels; 0: not used. Triangles whose smallest height, seen face-on, is below\n",
-"                               // it get the geometric normal, above twice it the shading normal, in between a\n",
-"                               // mixture\n",
+"uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest\n",
+"                               // height, seen face-on, is below it get the geometric normal, above twice it the\n",
+"                               // shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -10086,6 +10100,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_LIGHTMAP\n",
 "        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));\n",
 "        s.id = texel.w;\n",
+"        const float pixel = 1.0;\n",
+"        const bool smooth_normal = false;\n",
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "#ifdef SBL_NORMAL_MAPS\n",
@@ -10110,10 +10126,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_SPECULAR\n",
 "        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
 "#endif\n",
+"#endif\n",
 "        if (facet_limit > 0.0 && !smooth_normal)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
 "                                     clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
-"#endif\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);\n",
 "        triangle = uint(seen.number) + 1u;\n",
@@ -10198,6 +10214,29 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
     }
 }
 
+/* Mixes a site's normal with the true normal of its triangle, as gbuffer_fragment.glsl does. limit: facet_limit in
+   world units */
+static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float limit, sbl_site *site) {
+    double normal[3], longest2 = 0, share;
+    const double area = sbl__scene_normal(g, number, normal);
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        const float *p = g->vertices[g->indices[3 * (size_t)number + (size_t)i]].position;
+        const float *q = g->vertices[g->indices[3 * (size_t)number + (size_t)(i + 1) % 3]].position;
+        double length2 = 0;
+        for (k = 0; k < 3; k++) length2 += ((double)p[k] - q[k]) * ((double)p[k] - q[k]);
+        longest2 = SBL__MAX(longest2, length2);
+    }
+    if (!(limit > 0) || !(longest2 > 0)) return;
+    share = SBL__MIN(SBL__MAX(2 * area / sqrt(longest2) / (double)limit - 1, 0.0), 1.0);
+    for (k = 0; k < 3; k++) {
+        const double face = (double)site->geometric_normal[k];
+        normal[k] = face + share * ((double)site->normal[k] - face);
+    }
+    sbl__normalize(normal);
+    for (k = 0; k < 3; k++) site->normal[k] = (float)normal[k];
+}
+
 /* Computes the surface points of as many rows as the slice allows. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
@@ -10225,7 +10264,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
         sbl__set_vec2(d, "sample_point", (float)point[0], (float)point[1]);
     }
     sbl__camera_set(d, request->camera, request->offset, target);
-    sbl__set_float(d, "facet_limit", request->camera->facet_limit);
+    sbl__set_float(d, "facet_limit", request->camera->facet_limit * sbl__facet_unit(request->atlas));
     sbl__draw_screen(d);
     result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
     s->stages.at += rows;
@@ -16811,6 +16850,7 @@ typedef struct sbl__refine {
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and all pixels of one id form one
                                  smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
+    float facet_limit;        /* lightmaps only: sbl_lightmap_desc.facet_limit in world units; 0: not used */
     double lit, lit_light, lit_backs;  /* over sensors that were tested for occlusion and are not dark, see
                                  SBL__HIDDEN_DARK: their number; sums of luminance and of sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
@@ -17909,6 +17949,7 @@ static int sbl__places_of(sbl__refine *r, int index) {
         sbl_site at;
         if (triangle == SBL__NONE) continue;
         sbl__surface_site(r->atlas->geometry, triangle, weights, &at);
+        sbl__surface_facet(r->atlas->geometry, triangle, r->facet_limit, &at);
         sbl__refine_site(r, index, count++, 1, site);
         memcpy(site->position, at.position, sizeof at.position);
         memcpy(site->normal, at.normal, sizeof at.normal);
@@ -18572,9 +18613,10 @@ static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *al
 }
 
 /* Enables the test for occlusion (sbl__refine_occlusion) and, for refused texels, the search for places (see
-   sbl__refine_refuse). */
-static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
+   sbl__refine_refuse). facet_limit: in texels */
+static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a, float facet_limit) {
     r->atlas = a;
+    r->facet_limit = facet_limit * sbl__facet_unit(a);
     r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
 }
 
@@ -19922,7 +19964,7 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice);
-    if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas);
+    if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas, m->camera.facet_limit);
     return result;
 }
 

@@ -33,7 +33,7 @@ static struct options {
     const char *join;
     const char *positions;  /* file with the positions of the probes; NULL: they form a grid */
     const char *light_groups;
-    double target_error, move, smoothing, ao;
+    double target_error, move, smoothing, ao, facet_limit;
     const char *format_list;
     map_formats formats;
     int lit;
@@ -52,6 +52,7 @@ enum {
     AO,
     SHADOW_MASK,
     SUPERSAMPLE,
+    FACET_LIMIT,
     LIGHT_GROUPS,
     TARGET_ERROR,
     VERTICES,
@@ -159,6 +160,12 @@ static const tool_option table[OPTION_COUNT] = {
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
                       "texels;\n"
                       "default 1" },
+    [FACET_LIMIT] = { "--facet-limit", "TEXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
+                      "with --lightmap: triangles of at most this height in the map are lit with their geometric "
+                      "normals, and\n"
+                      "triangles from twice this height on with the normals of the file. 2 suits rooms with narrow "
+                      "mouldings;\n"
+                      "default 0: all have the normals of the file" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
                        "also writes the light of each group of sources, from the same rays. All groups add up to "
                        "the light without groups:\n"
@@ -287,6 +294,7 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error of maps and cube maps, such as 2%" },
     { SUPERSAMPLE, "finer shadows in a map: N x N measurements per texel" },
+    { FACET_LIMIT, NULL },
     { SAMPLES, NULL },
     { SMOOTHING, NULL },
     QUALITY_LINES,
@@ -366,10 +374,10 @@ static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, PLAN, JOIN, RESUME,
-        TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, FACET_LIMIT, PLAN,
+        JOIN, RESUME, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 12 };  /* the options from this index on also work with --cubemaps */
+    enum { ALSO_OF_CUBEMAPS = 13 };  /* the options from this index on also work with --cubemaps */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };

@@ -1,8 +1,8 @@
 // Computes the surface points that the camera's pixels or the texels of a lightmap show.
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // in pixels; 0: not used. Triangles whose smallest height, seen face-on, is below
-                               // it get the geometric normal, above twice it the shading normal, in between a
-                               // mixture
+uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest
+                               // height, seen face-on, is below it get the geometric normal, above twice it the
+                               // shading normal, in between a mixture
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
@@ -208,6 +208,8 @@ void main() {
 #ifdef SBL_LIGHTMAP
         sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));
         s.id = texel.w;
+        const float pixel = 1.0;
+        const bool smooth_normal = false;
 #else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
 #ifdef SBL_NORMAL_MAPS
@@ -232,10 +234,10 @@ void main() {
 #ifdef SBL_SPECULAR
         smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
 #endif
+#endif
         if (facet_limit > 0.0 && !smooth_normal)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
-#endif
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
         sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);
         triangle = uint(seen.number) + 1u;

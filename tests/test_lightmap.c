@@ -879,6 +879,7 @@ TEST(every_field_is_checked) {
     d = good; d.tile = 2000; refused(d, "tile");
     d = good; d.threshold = (float)NAN; refused(d, "threshold");
     d = good; d.options.epsilon = (float)NAN; d.options.mode = SBL_MODE_AMBIENT; refused(d, "options.epsilon");
+    d = good; d.facet_limit = (float)NAN; refused(d, "facet_limit");
     d = good; d.filter_radius = 33; refused(d, "filter_radius");
     d = good; d.start_canary = 1; refused(d, "start_canary");
     d = good; d.end_canary = 1; refused(d, "end_canary");
@@ -890,7 +891,7 @@ TEST(every_field_is_checked) {
           SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
     d = sbl_lightmap_desc_defaults(NULL);
     CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.options.mode == SBL_MODE_GI && d.tile == 16 &&
-              d.filter_radius == 2 && d.target_error == 0.005f,
+              d.filter_radius == 2 && d.facet_limit == 0 && d.target_error == 0.005f,
           "%d x %d, gutter %d", d.width, d.height, d.gutter);
     scene_free(&s);
 }
@@ -989,6 +990,99 @@ TEST(it_comes_in_pieces) {
     }
     free(whole);
     scene_free(&s);
+}
+
+/* >>small facets */
+
+/* Makes a square floor from 0 to N of N x N squares, whose normals lean by 60 degrees, under a vertical sun. R is 1
+   where a texel shows the true normal, and 0.5 where it shows the leaning one. */
+static void leaning_floor(test_scene *s, int n) {
+    const int row = n + 1;
+    float *positions, *normals, *uv;
+    uint32_t *indices;
+    sbl_light *sun;
+    int i, count = 0;
+    memset(s, 0, sizeof *s);
+    positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)(row * row));
+    normals = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)(row * row));
+    uv = (float *)scene_alloc(s, sizeof(float) * 2 * (size_t)(row * row));
+    indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(n * n));
+    for (i = 0; i < row * row; i++) {
+        positions[3 * i] = (float)(i % row);
+        positions[3 * i + 2] = (float)(i / row);
+        normals[3 * i] = (float)sqrt(0.75);
+        normals[3 * i + 1] = 0.5f;
+        uv[2 * i] = (float)(i % row) / (float)n;
+        uv[2 * i + 1] = (float)(i / row) / (float)n;
+    }
+    for (i = 0; i < n * n; i++) {
+        const uint32_t a = (uint32_t)(i / n * row + i % n), b = a + (uint32_t)row;
+        const uint32_t corners[6] = { a, b, a + 1, a + 1, b, b + 1 };
+        memcpy(indices + count, corners, sizeof corners);
+        count += 6;
+    }
+    scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), positions, normals, NULL, row * row, indices, count)
+        ->lightmap_texcoords.data = uv;
+    sun = scene_light(s, SBL_LIGHT_DIRECTIONAL, (float)REF_PI, (float)REF_PI, (float)REF_PI);
+    sun->direction[1] = -1;
+}
+
+/* Triangles that are lower than facet_limit in the map show their true normals; from twice the limit on they show the
+   normals of the file; in between, a mixture. Heights count in texels, also if these are supersampled. */
+TEST(small_facets_show_true_normals) {
+    /* width of the map over that of the floor's squares; a triangle's height is this / sqrt(2) */
+    static const struct { int squares, texels, supersample; float limit; double light; } runs[] = {
+        { 8, 16, 0, 2, 1 },                          /* 1.41 texels */
+        { 8, 16, 2, 2, 1 },                          /* 2.83 places of a texel */
+        { 4, 32, 0, 2, 0.5 },                        /* 5.7 texels: above twice the limit */
+        { 8, 16, 0, 0, 0.5 },                        /* the default: no limit */
+        { 8, 16, 0, -1, 0.5 },
+        { 8, 16, 0, 0.942809f, 0.8660254 },          /* 1.5 times the limit: the mean of both normals, 30 degrees */
+    };
+    int run, i;
+    for (run = 0; run < (int)(sizeof runs / sizeof *runs); run++) {
+        static test_scene s;
+        sbl_lightmap_desc desc = map_of(runs[run].texels, runs[run].texels, SBL_MODE_DIRECT);
+        float *R, *normal;
+        double off = 0;
+        leaning_floor(&s, runs[run].squares);
+        desc.supersample = runs[run].supersample;
+        desc.facet_limit = runs[run].limit;
+        R = bake(&s, &desc);
+        normal = R ? channel_of(&desc, SBL_CHANNEL_NORMAL) : NULL;
+        REQUIRE(R && normal, "no lightmap");
+        for (i = 0; i < desc.width * desc.height; i++) {
+            off = fmax(off, fabs((double)R[3 * i] - runs[run].light));
+            off = fmax(off, fabs((double)normal[3 * i + 1] - runs[run].light));
+        }
+        CHECK(off < 1e-3, "run %d: R is off by %g", run, off);
+        free(R);
+        free(normal);
+        scene_free(&s);
+    }
+}
+
+/* A box covers the centres of a column of texels, but not all of them. They show what is beside the box: there, small
+   facets have their true normals, too, and large ones the normals of the file. */
+TEST(covered_texels_show_true_normals) {
+    int run, i;
+    for (run = 0; run < 2; run++) {
+        static test_scene s;
+        const int texels = run ? 64 : 8, column = run ? 36 : 4;  /* the one that the side of the box crosses */
+        const double light = run ? 0.5 : 1;
+        sbl_lightmap_desc desc = map_of(texels, texels, SBL_MODE_DIRECT);
+        float *R;
+        double off = 0;
+        desc.facet_limit = 2;
+        leaning_floor(&s, 8);
+        scene_box(&s, 0, -1, -1, -1, run ? 4.575f : 4.6f, run ? 0.025f : 0.2f, 9);
+        R = bake(&s, &desc);
+        REQUIRE(R, "no lightmap");
+        for (i = 0; i < texels; i++) off = fmax(off, fabs((double)R[3 * (texels * i + column)] - light));
+        CHECK(off < 0.01, "run %d: texels at the box are off by %g", run, off);
+        free(R);
+        scene_free(&s);
+    }
 }
 
 /* >>lack of memory and unusual sizes */
@@ -1139,6 +1233,8 @@ int main(void) {
     RUN(every_field_is_checked);
     RUN(meshes_are_chosen);
     RUN(it_comes_in_pieces);
+    RUN(small_facets_show_true_normals);
+    RUN(covered_texels_show_true_normals);
     RUN(memory_runs_out);
     RUN_PLAIN(sizes_of_all_kinds);
     RUN(thin_walls_hold_light_back);

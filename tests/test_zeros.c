@@ -44,14 +44,14 @@ static void fill_twice(int mode, int preset, float sign) {
     memset(&vertices, 0, sizeof vertices);
     memset(&probes, 0, sizeof probes);
     picture.options = readings.options = lightmap.options = vertices.options = probes.options = options;
-    picture.threshold = picture.facet_limit = lightmap.threshold = vertices.smoothing = sign;
+    picture.threshold = picture.facet_limit = lightmap.threshold = lightmap.facet_limit = vertices.smoothing = sign;
     picture.filter_radius = lightmap.filter_radius = lightmap.gutter = lightmap.seams = (int)sign;
     probes.grid[0] = probes.grid[1] = probes.grid[2] = 3;
     TWICE(picture, picture, !negative || (d.threshold < 0 && d.facet_limit < 0 && d.filter_radius < 0 &&
                                           (!ambient || d.options.epsilon < 0)));
     TWICE(readings, readings, !negative || !ambient || d.options.epsilon < 0);
-    TWICE(lightmap, lightmap, !negative || (d.threshold < 0 && d.filter_radius < 0 && d.gutter < 0 && d.seams < 0 &&
-                                            (!ambient || d.options.epsilon < 0)));
+    TWICE(lightmap, lightmap, !negative || (d.threshold < 0 && d.facet_limit < 0 && d.filter_radius < 0 &&
+                                            d.gutter < 0 && d.seams < 0 && (!ambient || d.options.epsilon < 0)));
     TWICE(vertices, vertices, !negative || (d.smoothing < 0 && (!ambient || d.options.epsilon < 0)));
     TWICE(probes, probes, d.probe_count == 27 && (!negative || !ambient || d.options.epsilon < 0));
 }
