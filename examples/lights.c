@@ -139,7 +139,8 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS,
         .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH / shrink, .height = HEIGHT / shrink, .options.preset = preset };  /* other fields: default */
+    sbl_picture_desc view = {  /* other fields: default */
+        .width = WIDTH / shrink, .height = HEIGHT / shrink, .options.preset = preset };
     furnish(&w, k);
     scene.mesh_count = w.count;
     scene.lights = &k->light;
