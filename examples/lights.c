@@ -1,7 +1,7 @@
 /* Demonstrates every kind of light in one picture each, and the penumbra of a large lamp at each preset. Below the
    pictures of the penumbra, the rays of four sensors are drawn; those that are blocked on their way to the lamp are
-   red. The first argument is the folder for the pictures. With a second argument, the pictures of the kinds are
-   drafts. */
+   red. The first argument is the folder for the pictures. With a second argument, the pictures are half as
+   wide and high, and those of the kinds are drafts. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -114,13 +114,15 @@ static void furnish(world *w, const struct kind *k) {
 /* ---- pictures ---- */
 
 static unsigned char pixels[(HEIGHT + INSET) * WIDTH * 3];
+static int shrink = 1;  /* by how much pictures are smaller than WIDTH x HEIGHT */
 
 static int render(sbl_context *context, const sbl_picture_desc *view, const char *name) {
     static float picture[WIDTH * HEIGHT * 3];
+    const size_t count = (size_t)(view->width * view->height * 3);
     sbl_stats stats;
     if (sbl_render_picture(context, view) != SBL_SUCCESS) return 0;
-    if (sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) != SBL_SUCCESS) return 0;
-    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
+    if (sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, count) != SBL_SUCCESS) return 0;
+    sbl_encode_srgb8(pixels, picture, count, 1);
     stats = sbl_query_stats(context);
     printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors.count, stats.seconds.total);
     return 1;
@@ -129,7 +131,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, const char
 static int write_picture(const char *folder, const char *name, int height) {
     char path[1024];
     snprintf(path, sizeof path, "%s/%s.png", folder, name);
-    if (stbi_write_png(path, WIDTH, height, 3, pixels, 0)) return 1;
+    if (stbi_write_png(path, WIDTH / shrink, height / shrink, 3, pixels, 0)) return 1;
     return fprintf(stderr, "lights: cannot write %s\n", path), 0;
 }
 
@@ -137,7 +139,8 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS,
         .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset };  /* other fields: default */
+    sbl_picture_desc view = {  /* other fields: default */
+        .width = WIDTH / shrink, .height = HEIGHT / shrink, .options.preset = preset };
     furnish(&w, k);
     scene.mesh_count = w.count;
     scene.lights = &k->light;
@@ -156,16 +159,18 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
    pixel. */
 static int draw_inset(sbl_context *context, int number, int px, int py) {
     static float disc[INSET * INSET * 3];
+    const int width = WIDTH / shrink, height = HEIGHT / shrink, inset = INSET / shrink;
     sbl_sensor s;
     int x, y;
     if (sbl_inspect_sensor(context, px, py, &s, NULL, NULL, 0) != SBL_SUCCESS) return 0;
-    sensor_disc(&s, INSET, disc);
-    for (y = 0; y < INSET; y++)
-        sbl_encode_srgb8(pixels + 3 * ((HEIGHT + y) * WIDTH + number * INSET), disc + 3 * y * INSET, 3 * INSET, 1);
+    sensor_disc(&s, inset, disc);
+    for (y = 0; y < inset; y++)
+        sbl_encode_srgb8(pixels + 3 * ((height + y) * width + number * inset), disc + 3 * y * inset,
+                         (size_t)(3 * inset), 1);
     for (y = -4; y <= 4; y++)
         for (x = -4; x <= 4; x++)
             if (abs(x) == 4 || abs(y) == 4) {
-                unsigned char *to = pixels + 3 * ((py + y) * WIDTH + px + x);
+                unsigned char *to = pixels + 3 * ((py + y) * width + px + x);
                 to[0] = 255; to[1] = to[2] = 0;
             }
     return 1;
@@ -179,7 +184,8 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
                              .material_count = MATERIALS,
                              .textures = &window_picture,
                              .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset, .samples = 4 };
+    sbl_picture_desc view = { .width = WIDTH / shrink, .height = HEIGHT / shrink, .options.preset = preset,
+        .samples = 4 };
     int i;
     view.options.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* rays per sensor */
     w.count = 0;
@@ -192,7 +198,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
     if (sbl_set_scene(context, &scene) != SBL_SUCCESS || !render(context, &view, names[preset])) return 0;
     for (i = 0; i < INSETS; i++)
-        if (!draw_inset(context, i, 125 + 25 * i, 140)) return 0;
+        if (!draw_inset(context, i, (125 + 25 * i) / shrink, 140 / shrink)) return 0;
     return write_picture(folder, names[preset], HEIGHT + INSET);
 }
 
@@ -202,6 +208,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
+    if (argc > 2) shrink = 2;
     if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints error messages to stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], preset, folder);

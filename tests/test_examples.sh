@@ -82,7 +82,7 @@ host_draw_writes_depth() {
 check host_draw_picture host_draw_picture
 plain_check host_draw_writes_depth
 
-# >>lights, with the preset draft, since only the program is tested
+# >>lights, small and with the preset draft, since only the program is tested
 
 lights_kinds='quad textured thousand_lamps sphere point spot sun sky'
 lights_run() { run lights lights draft; }
@@ -90,15 +90,15 @@ lights_run() { run lights lights draft; }
 lights_differ() {
     last=
     for kind in $lights_kinds; do
-        look varied "lights/$kind.png" 320 240 || return
+        look varied "lights/$kind.png" 160 120 || return
         [ -z "$last" ] || ! look alike "lights/$last.png" "lights/$kind.png" || return
         last=$kind
     done
 }
 # the penumbrae change little with the preset; the discs below them show the rays of the preset
 lights_penumbra() {
-    look varied lights/penumbra_default.png 320 320 &&
-        look alike lights/penumbra_default.png lights/penumbra_high.png 240
+    look varied lights/penumbra_default.png 160 160 &&
+        look alike lights/penumbra_default.png lights/penumbra_high.png 120
 }
 plain_check lights_run
 plain_check lights_differ

@@ -23,8 +23,8 @@ cp -r sbl.h examples scripts tests "$copy"
 
 # >>compilers
 
-# beside ORDER COMPILER...: compiles and links a file that includes windows.h first, last or not at all. The command is
-# not linked if it contains -fsyntax-only.
+# beside ORDER COMPILER...: compiles and links a file that includes windows.h first, last or not at all. If the command
+# contains -fsyntax-only, there is neither an object, $folder/beside.o, nor a program.
 beside() {
     order=$1
     shift
@@ -35,7 +35,9 @@ beside() {
         [ "$order" != last ] || echo '#include <windows.h>'
         echo 'int main(void) { sbl_context *context; return sbl_create(NULL, &context) == SBL_SUCCESS; }'
     } > "$folder/beside.c"
-    "$@" $warnings -I . "$folder/beside.c" -o "$folder/beside"
+    "$@" $warnings -I . -c "$folder/beside.c" -o "$folder/beside.o" || return
+    case " $* " in *" -fsyntax-only "*) return ;; esac
+    "$1" "$folder/beside.o" -o "$folder/beside"
 }
 # beside_all NAME COMPILER...: tests all orders. SBL_STATIC is tested without windows.h only, because it changes neither
 # the included headers nor their order.
@@ -43,6 +45,7 @@ beside_all() {
     ways=$1
     shift
     check "${ways}_alone" beside none "$@"
+    mv "$folder/beside.o" "$folder/${ways}_alone.o"
     check "${ways}_static_alone" beside none "$@" -DSBL_STATIC -fsyntax-only
     for order in first last; do check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only; done
 }
@@ -75,12 +78,12 @@ leaves_no_macros() {
     comm -13 "$folder/own" "$folder/macros" | grep -v '^SBL_' > "$folder/strangers"
     nothing "$folder/strangers"
 }
+# reads the object that the test ${target}_c_alone leaves, which also has main
 exports_only() {
-    "$target-w64-mingw32-gcc" -std=c99 -w -I . -DSBL_IMPLEMENTATION -x c -c sbl.h -o "$folder/object.o" &&
-    "$target-w64-mingw32-nm" "$folder/object.o" |
+    "$target-w64-mingw32-nm" "$folder/${target}_c_alone.o" |
         awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
     grep -qx sbl_render_picture "$folder/exports" || return
-    grep -v '^sbl_[a-z]' "$folder/exports" > "$folder/strangers"
+    grep -v '^sbl_[a-z]' "$folder/exports" | grep -vx main > "$folder/strangers"
     nothing "$folder/strangers"
 }
 gl_types() { "$@" -std=c99 $warnings -Wno-unused -fsyntax-only tests/header/gl_types.c; }
