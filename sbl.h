@@ -759,8 +759,8 @@
                   that is made at once do. Without a price, every window reaches the target error by itself, which
                   takes up to twice as long in total
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
-                  window finds out by itself how many rays its looks need, and a look that costs twice as much as its
-                  neighbour's makes a step at the border
+                  window finds out by itself how many rays its looks need. Its looks may then cost several times as much
+                  as those of the small picture, whose price and WORK no longer hold for it
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 

@@ -424,9 +424,9 @@ TEST(windows_share_a_price) {
 TEST(work_is_measured) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
     static float looks[PIXELS];
-    double off = 0, mean = 0, least = 1e30, most = 0;
-    int i;
-    view.target_error = 0.05f;
+    double off = 0, mean = 0, least = 1e30, most = 0, later = 0;
+    int i, many = 0;
+    view.target_error = 0.01f;
     if (!make(&view, SBL_CHANNEL_LOOKS, looks, PIXELS) || !make(&view, SBL_CHANNEL_WORK, part, PIXELS)) return;
     CHECK(memcmp(looks, part, sizeof looks) == 0, "without measure_work, the work is not the number of looks");
     if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
@@ -446,8 +446,11 @@ TEST(work_is_measured) {
               (double)part[i]);
         if (looks[i] > 0) least = fmin(least, steps);
         most = fmax(most, steps);
+        if (looks[i] >= 4) later += steps, many++;
     }
     CHECK(most > 2 && most > 2 * least, "steps per look from %g to %g", least, most);
+    /* without a sky, later looks only trace rays to lamps */
+    CHECK(many > 0 && later > 5 * many, "%d sensors with many looks take %g steps per look", many, later / many);
 }
 
 int main(void) {

@@ -38,6 +38,7 @@ static void picture(sbl_mode mode) {
     printf("%s view_to_clip %d %g %g %g\n", name, (int)mode, fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_kind); PRINT(sensor_fov);
     PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(facet_limit);
+    PRINT(look_rays); PRINT(measure_work);
     PRINT(filter_radius); PRINT(samples);
     PRINT(exposure); PRINT(auto_exposure); PRINT(backdrop[0]);
 }
@@ -52,6 +53,7 @@ static void lightmap(sbl_mode mode) {
     PRINT(width); PRINT(height); PRINT(window[2]);
     PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped); PRINT(supersample);
     PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
+    PRINT(look_rays);
 }
 
 static void vertices(sbl_mode mode) {
