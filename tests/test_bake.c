@@ -610,7 +610,7 @@ TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--map", "--gutter", "--directional",
         "--supersample", "--light-groups", "--target-error", "--error", "--vertices", "--average", "--formats", "--lit",
         "--exposure", "--ao", "--shadow-mask", "--cubemaps", "--cubemap-size", "--samples", "--smoothing", "--probes",
-        "--move",
+        "--move", "--facet-limit",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",

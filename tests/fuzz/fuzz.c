@@ -423,6 +423,7 @@ static void fuzz_lightmap(fuzz_bytes *b, fuzz_context *c, sbl_lightmap_desc *map
     map->options.sensor_size = fuzz_int(b, 4, 16);
     map->tile = fuzz_int(b, 1, 8);
     map->filter_radius = fuzz_int(b, -1, 3);
+    if (shape & 128) map->facet_limit = fuzz_float(b, -1, 4);
     if (shape & 32) map->threshold = fuzz_float(b, 0, 1);
     if (shape & 64) map->options.epsilon = fuzz_float(b, 0, 1);
     map->options.seed = fuzz_byte(b);

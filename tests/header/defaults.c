@@ -52,8 +52,8 @@ static void lightmap(sbl_mode mode) {
     FILL(lightmap);
     PRINT(width); PRINT(height); PRINT(window[2]);
     PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped); PRINT(supersample);
-    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
-    PRINT(look_rays);
+    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(look_rays); PRINT(tile); PRINT(threshold);
+    PRINT(facet_limit); PRINT(filter_radius);
 }
 
 static void vertices(sbl_mode mode) {
