@@ -163,6 +163,11 @@ vec3 sbl_glow_albedo(sbl_Material m) {
     return m.albedo;
 }
 
+// Returns the radiance that a surface reflects, without the part that lamps.glsl measures. glow: R from the glow
+vec3 sbl_reflected_beside(sbl_Material m, vec3 light, vec3 glow) {
+    return m.albedo * light - sbl_glow_albedo(m) * glow;
+}
+
 // Returns the factor of a glow's radiance at a point: sbl_glow_albedo at the point, divided by the albedo with
 // which sbl__reflect computed the radiance.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {

@@ -42,7 +42,7 @@ void main() {
     vec3 light = sbl_light_of(leaf);
     vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));
     sbl_Material material = sbl_material(fragment_object, at);
-    radiance += radiance_scale * (sbl_reflected(material, light) - sbl_glow_albedo(material) * glow);
+    radiance += radiance_scale * sbl_reflected_beside(material, light, glow);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH
