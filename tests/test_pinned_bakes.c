@@ -400,17 +400,17 @@ enum { CASES = sizeof cases / sizeof *cases };
 
 static const struct { const char *renderer, *version; hash hashes[CASES]; } pins[] = {
     { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
-        0x9aa829d1dc0c444eu,  /* glossy_picture */
-        0xa813e198c73da6b7u,  /* glossy_window */
-        0x3c9541a0ab411578u,  /* glossy_inspection */
-        0x7d8fb843af538536u,  /* glossy_store */
-        0x3821e9319c56d7ffu,  /* glossy_rasterised */
-        0xceb70231b81dfc85u,  /* matte_picture */
-        0x3b066207a7ba6663u,  /* plain_picture */
-        0xe37804d4e3787be9u,  /* changed_picture */
-        0x6859dc81e454b014u,  /* directional_lightmap */
-        0xbd66051a77cfd472u,  /* grouped_lightmap */
-        0xef14ef711502d3d4u,  /* joined_lightmap */
+        0x5a73eecd65d5bfceu,  /* glossy_picture */
+        0xcb3f9829f11fdf9au,  /* glossy_window */
+        0xcc9548b3bfd9379bu,  /* glossy_inspection */
+        0x723538e9b9fed2c2u,  /* glossy_store */
+        0xb9ce941255cce13fu,  /* glossy_rasterised */
+        0x3ea621949208353fu,  /* matte_picture */
+        0x95f9611b7e30c296u,  /* plain_picture */
+        0x125935d3f3f6d163u,  /* changed_picture */
+        0xfa0af1ccdfce2429u,  /* directional_lightmap */
+        0x6788cd94cdee181cu,  /* grouped_lightmap */
+        0xdd5916a39f4bc851u,  /* joined_lightmap */
         0xe3ae5e2aa68759bcu,  /* fitted_vertices */
         0xf39bdfc2639545ccu,  /* averaged_vertices */
         0xbcc8eede06ff6b4eu,  /* traced_readings */
