@@ -172,6 +172,10 @@ TEST(pictures_match_their_stored_hashes) {
     pin_cases(cases);
     for (i = 0; i < PINS; i++) {
         test_scene s = { 0 };
+        hashes[i] = 0;
+        /* traced sensors use nothing beyond GL 3.3, so one traced picture is enough there */
+        if (c.gl_major == 3 && known >= 0 && cases[i].view.options.backend == SBL_BACKEND_TRACE &&
+            strcmp(cases[i].name, "cornell_gi_traced") != 0) continue;
         if (cases[i].scene == 0) scene_cornell_box(&s);
         else if (cases[i].scene == 4) scene_many_lamps(&s);
         else scene_everything(&s, cases[i].scene > 1, cases[i].scene > 2);

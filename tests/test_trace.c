@@ -64,7 +64,7 @@ static void glowing_room(test_scene *s) {
 /* Where light is smooth, traced and rasterised R differ by less than 0.3 % RMS. */
 TEST(agrees_with_raster_on_smooth_light) {
     test_scene s = { 0 };
-    sbl_picture_desc view = scene_cornell_view(40, 40), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
+    sbl_picture_desc view = scene_cornell_view(26, 26), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
         ray = traced(view, SBL_MODE_AMBIENT, 4096);
     float *a, *b;
     double error;
@@ -79,7 +79,7 @@ TEST(agrees_with_raster_on_smooth_light) {
               sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.count,
           "the statistics do not report SBL_BACKEND_TRACE");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
-    error = difference(b, a, 40 * 40);
+    error = difference(b, a, 26 * 26);
     CHECK(error < 0.003, "traced and rasterised differ by %.2f %% rms", 100 * error);
     printf("  %.2f %%\n", 100 * error);
     free(a);
@@ -143,7 +143,7 @@ TEST(closed_walls_are_tight) {
     for (way = 0; way < 3; way++) {
         test_scene s = { 0 };
         sbl_picture_desc view = traced(scene_view(64, 64, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT,
-                                       1024);
+                                       512);
         float *r, *positions;
         double escaped = 0;
         sbl_mesh *mesh;
@@ -169,7 +169,7 @@ TEST(closed_walls_are_tight) {
         scene_free(&s);
     }
     printf("  %.0f rays\n", rays);
-    CHECK(rays > 1e7, "only %.0f rays", rays);
+    CHECK(rays > 6e6, "only %.0f rays", rays);
 }
 
 /* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. The shaders are rewritten to
@@ -593,7 +593,7 @@ TEST(nasty_triangles) {
                          80, 0);
         scene_box(&s, grey, -1e4f, -2e4f, -1e4f, 1e4f, -1e4f, 1e4f);
         compare_hits(spot == 0 ? "a thousandth in a million" : spot == 1 ? "a quarter" : spot == 2 ? "twenty"
-                     : "thousands", &s, &view, 200, 250);
+                     : "thousands", &s, &view, 120, 250);
         scene_free(&s);
     }
     for (way = 0; way < 3; way++) {  /* copies; copies of both windings; needles */
@@ -621,7 +621,7 @@ TEST(nasty_triangles) {
         compare_hits(way == 0   ? "copies"
                      : way == 1 ? "copies of either winding"
                                 : "needles",
-                     &s, &view, 100, 200);
+                     &s, &view, 30, 200);
         CHECK(sbl_query_stats(context).scene.triangles == 12 + copies, "%d triangles",
               sbl_query_stats(context).scene.triangles);
         CHECK(way == 2 || inside_node_count(context) < 100, "the hierarchy of copies has %d nodes",
@@ -774,7 +774,7 @@ int main(void) {
     RUN(all_hidden_from_sensors);
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);
-    RUN(rays_hit_what_they_should);
+    RUN_UNSANITIZED(rays_hit_what_they_should);
     RUN_PLAIN(nasty_triangles);
     RUN(every_ray_arrives);
     RUN(a_million_triangles);
