@@ -901,6 +901,7 @@ static int divide_map(map_bake *b) {
     w->use = use_map_facts;
     w->make = bake_window;
     w->write = write_window;
+    w->plan_base = PLAN_BASE_LIGHTMAP;
     find_map_facts(b);
     return status != DONE || given[JOIN] ? status : windows_choose(w);
 }

@@ -712,6 +712,7 @@ static int divide(shot *s) {
     w->use = use_facts;
     w->make = make_window;
     w->write = write_window;
+    w->plan_base = PLAN_BASE_PICTURE;
     find_facts(s);
     return windows_choose(w);
 }

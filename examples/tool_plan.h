@@ -16,12 +16,14 @@
    left of x. */
 typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 
-/* Cost of a pixel in addition to the work of the small picture's sensors there, relative to the mean work. It stands
-   for the sensors of the first level, which are everywhere, and for the work on pixels that needs no rays. */
-#define PLAN_BASE 0.02
+/* Cost of a pixel in addition to the work of the small version's sensors there, relative to the mean work. It stands for
+   the sensors of the first level, which are everywhere, and for the work on pixels that needs no rays. Lightmaps count
+   looks instead of the steps of rays. */
+#define PLAN_BASE_PICTURE 0.02
+#define PLAN_BASE_LIGHTMAP 0.4
 
-/* Computes the sums. Returns 0 if memory runs out. work: SBL_CHANNEL_WORK of the small picture */
-static int plan_cost_make(plan_cost *c, const image *work) {
+/* Computes the sums. Returns 0 if memory runs out. work: SBL_CHANNEL_WORK of the small version; share: PLAN_BASE_... */
+static int plan_cost_make(plan_cost *c, const image *work, double share) {
     const size_t across = (size_t)work->width + 1;
     double base = 0;
     int x, y;
@@ -30,7 +32,7 @@ static int plan_cost_make(plan_cost *c, const image *work) {
     c->sums = (double *)calloc(across * ((size_t)work->height + 1), sizeof *c->sums);
     if (!c->sums) return 0;
     for (x = 0; x < work->width * work->height; x++) base += (double)work->values[x];
-    base = PLAN_BASE * base / work->width / work->height + 1e-9;
+    base = share * base / work->width / work->height + 1e-9;
     for (y = 0; y < work->height; y++)
         for (x = 0; x < work->width; x++) {
             double *sum = &c->sums[(size_t)y * across + (size_t)x];

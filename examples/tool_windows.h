@@ -30,6 +30,7 @@ typedef struct windows {
     void (*use)(void *user);
     sbl_result (*make)(void *user, const int window[4]);
     output_writer write;
+    double plan_base;             /* PLAN_BASE_PICTURE or PLAN_BASE_LIGHTMAP */
     /* windows_choose sets the following */
     plan work;                    /* the windows to make one after the other; the tool sets its other facts before */
     plan_folder folder;           /* used if there are several windows */
@@ -50,7 +51,7 @@ static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     plan_mean_and_price(&w->work, &stats, shrink);
     if (!cost) return result;
     result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_WORK, &spent);
-    if (result == SBL_SUCCESS && !plan_cost_make(cost, &spent)) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS && !plan_cost_make(cost, &spent, w->plan_base)) result = SBL_ERROR_OUT_OF_MEMORY;
     free(spent.values);
     return result;
 }
