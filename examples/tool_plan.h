@@ -16,9 +16,9 @@
    left of x. */
 typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 
-/* Cost of a pixel in addition to the work of the small version's sensors there, relative to the mean work. It stands for
-   the sensors of the first level, which are everywhere, and for the work on pixels that needs no rays. Lightmaps count
-   looks instead of the steps of rays. */
+/* Cost of a pixel in addition to the work of the small version's sensors there, relative to the mean work. It stands
+   for the sensors of the first level, which are everywhere, and for the work on pixels that needs no rays. Lightmaps
+   count looks instead of the steps of rays. */
 #define PLAN_BASE_PICTURE 0.02
 #define PLAN_BASE_LIGHTMAP 0.4
 

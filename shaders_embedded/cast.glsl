@@ -16,26 +16,26 @@ SBL_OUT(3, out_parts);
 vec4 parts;
 uniform int sky_layer;
 
-// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and share
-// (throughput) to this segment. Returns the light of lamps and of the sky.
-vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,
-               uint hash) {
+// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and
+// throughput to this segment. Returns the light of lamps and of the sky.
+vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,
+               inout vec3 throughput, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
     sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);
     bool open = next.away > 0.0 && (between.triangle < 0 || between.number == next.number);
-    vec3 light = open ? share * sbl_tint * next.light : vec3(0);
+    vec3 light = open ? throughput * sbl_tint * next.light : vec3(0);
     origin = next.from;
     direction = next.direction;
     hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);
-    share *= next.share * sbl_tint;
+    throughput *= next.throughput * sbl_tint;
     parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
     if (hit.triangle < 0) {
-        parts.rgb = share * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
+        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
         return light + parts.rgb;
     }
     lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));
     int object = int(sbl_triangle_object(hit.triangle));
-    parts.rgb = share * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
+    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
     parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
     return light + parts.rgb;
 }
@@ -51,7 +51,7 @@ void main() {
     vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
     if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
     sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
-    vec3 share = sbl_tint, position = origin + direction * hit.distance;
+    vec3 throughput = sbl_tint, position = origin + direction * hit.distance;
     float low = 0.0, high = 0.0;
 #ifdef SBL_BOUNCED
     vec4 shine = vec4(0);
@@ -62,7 +62,7 @@ void main() {
         hit_shines = sbl_shines(material, material.reflectance);
     }
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
-        shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);
+        shine = vec4(sbl_go_on(hit, material, origin, direction, throughput, fractions * SBL_HASH_FACTOR), 1);
         // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
         position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
     }
@@ -73,7 +73,7 @@ void main() {
 #endif
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
-        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), share);
+        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), throughput);
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }

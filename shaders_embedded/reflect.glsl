@@ -25,11 +25,11 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) 
         vec3 across = cross(side_1, side_2);
         float sizes = length(across) * length(direction);
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
-        vec3 share = sbl_fresnel(m.reflectance, cosine), lobe_share = sbl_lobe_reflected(m, cosine, vec3(1));
-        float chance = min(max(share.r, max(share.g, share.b)) / SBL_SHINY, 1.0);
+        vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));
+        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_SHINY, 1.0);
         if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;
         hit_shines = sbl_random_of(hit, 1u) < chance;
-        m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? lobe_share : vec3(0));
+        m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? reflected : vec3(0));
         m.opacity /= max(chance, SBL_DIVISOR_LEAST);
     }
     hit_shines = hit_shines && !last;
@@ -52,7 +52,7 @@ struct sbl_Reflection {
     int number;             // index of the lamp's triangle in the scene, or -1
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
-    vec3 direction, share;  // of the next segment: direction, and factor of the throughput
+    vec3 direction, throughput;  // of the next segment: direction, and factor of the throughput
     float density;          // ray_density of the next segment: its pdf / SBL_LAMP_TRIES, because MIS
                             // weights compare one ray of the lobe with so many points of a lamp
 };
@@ -126,10 +126,10 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
-        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
-        r.share *= material.opacity;
+        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);
+        r.throughput *= material.opacity;
         r.density = sbl_lobe_density(shine, r.direction) / float(SBL_LAMP_TRIES);
-        if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
+        if (dot(r.direction, n) <= 0.0) r.throughput = vec3(0);
     }
 #endif
     if (lamp_leaves == 0) return r;

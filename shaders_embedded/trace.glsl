@@ -153,10 +153,10 @@ void main() {
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
-        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
+        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, throughput = vec3(weight);
 #ifdef SBL_LOBE
-        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, share);
-        share *= spread > 0.0 ? every * lobe_scale : vec3(1);
+        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
+        throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
         ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
         glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
 #endif
@@ -167,16 +167,17 @@ void main() {
         // each iteration.
         int legs = SBL_LEGS;
 #ifdef SBL_LOBE
-        if (max(share.r, max(share.g, share.b)) <= 0.0) legs = 0;  // the direction is below the horizon
+        bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon
+        if (is_below) legs = 0;
 #endif
         for (int leg = 0; leg < legs; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
-            share *= sbl_tint;
+            throughput *= sbl_tint;
             if (hit.triangle < 0) {
 #ifdef SBL_SPECULAR
                 sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
 #endif
-                vec3 seen_sky = share * sbl_sky(direction, sky_met);
+                vec3 seen_sky = throughput * sbl_sky(direction, sky_met);
                 sum.rgb += seen_sky;
                 sbl_add_layer(sky_layer, seen_sky);
                 break;
@@ -189,12 +190,12 @@ void main() {
 #endif
             vec3 position = from + direction * hit.distance;
 #ifdef SBL_GROUPS
-            carried = share;
+            carried = throughput;
 #endif
 #ifdef SBL_SPECULAR
             arriving = direction;
 #endif
-            sum.rgb += share * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
+            sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
             if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
@@ -207,16 +208,16 @@ void main() {
             from = next.from;
             sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
             if (between.triangle < 0 || between.number == next.number) {
-                sum.rgb += share * sbl_tint * next.light;
-                sbl_add_layer(next.layer, share * sbl_tint * next.light);
+                sum.rgb += throughput * sbl_tint * next.light;
+                sbl_add_layer(next.layer, throughput * sbl_tint * next.light);
             }
-            share *= next.share;
+            throughput *= next.throughput;
             direction = next.direction;
 #ifdef SBL_SPECULAR
             ray_density = next.density;
 #endif
             limit = SBL_UNBOUNDED;
-            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+            if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;
 #endif
         }
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
