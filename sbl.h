@@ -375,10 +375,10 @@
                   pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by
                   rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
-                  diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too;
-                  only metal of a roughness below 0.5 is itself a mirror there. No light is stored in SBL_MODE_DIRECT:
-                  the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness does not blur
-                  what a pane shows. Panes tint the light that rays towards lamps find
+                  diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
+                  except that metal of a roughness below 0.5 is itself a mirror there. No light is stored in
+                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
+                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
