@@ -2386,7 +2386,7 @@ TEST(options_without_effect_are_named) {
         { "--exposure (only final", "--exposure", "1", "--channel", "normal" },
         { "--tone (only channel final", "--tone", "agx", "--channel", "radiance" },
         { "--target-error (--rays and --tile", "--error", "9%", "--rays", "16", "--tile", "1" },
-        { "--target-error (the channel", "--error", "9%", "--channel", "depth" },
+        { "--target-error (the channel", "--error", "0.2%", "--channel", "depth" },
         { "--threshold (--tile", "--threshold", "0.1", "--tile", "1" },
         { "--target-error (--rays and --threshold", "--error", "9%", "--rays", "16", "--threshold", "1" },
         { "--max-bounce-cells (only", "--max-bounce-cells", "2048", "--mode", "direct" },
