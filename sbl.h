@@ -12792,8 +12792,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
 "    int layer;              // layer of that light, see SBL_GROUPS\n",
 "    vec3 direction, throughput;  // of the next segment: direction, and factor of the throughput\n",
-"    float density;          // ray_density of the next segment: its pdf / SBL_LAMP_TRIES, because MIS\n",
-"                            // weights compare one ray of the lobe with so many points of a lamp\n",
+"    float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided\n",
+"                            // by SBL_LAMP_TRIES, because MIS weighs one direction against that many lamp points\n",
 "};\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
@@ -12906,7 +12906,8 @@ static const char *const sbl__glsl_reflect[] = {
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
 "// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost. With counts_steps, out_hits.y is sbl_steps / `rays`.\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a\n",
+"// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -15223,7 +15224,7 @@ static int sbl__bounce_after_link(void *work) {
 
 /* >>bounce: light from lamps */
 
-/* Frees the job's sites and readings, and the reads of the iteration. */
+/* Frees the sites and readings of b->job, their layers, and b->reads, which the current iteration has made. */
 static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
     sbl__free(base, b->sites);
     sbl__free(base, b->readings);
@@ -18894,7 +18895,7 @@ static const sbl__recipe sbl__recipe_filter = {
 typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R (irradiance / pi) or the light in lobes, and its noise */
-    const sbl__texture *layer;     /* the layer of harmonics or of a light group to smooth; NULL: smooth `radiance` */
+    const sbl__texture *layer;     /* the filter smooths this layer (harmonics or a light group); NULL: `radiance` */
     float layer_noise;             /* see sbl__spec_layer_noise */
     int is_group;                  /* 1: the layer is a light group */
 } sbl__filter;

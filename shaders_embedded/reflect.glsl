@@ -53,8 +53,8 @@ struct sbl_Reflection {
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
     vec3 direction, throughput;  // of the next segment: direction, and factor of the throughput
-    float density;          // ray_density of the next segment: its pdf / SBL_LAMP_TRIES, because MIS
-                            // weights compare one ray of the lobe with so many points of a lamp
+    float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided
+                            // by SBL_LAMP_TRIES, because MIS weighs one direction against that many lamp points
 };
 
 #ifdef SBL_SPECULAR

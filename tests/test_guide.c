@@ -387,8 +387,8 @@ TEST(windows_have_the_guides_of_the_whole) {
     sbl_destroy(context);
 }
 
-/* A picture tells how many rays its looks took. A picture that is given this number takes as many from the start, and
-   guides them if the number is negative, however noisy its looks are. */
+/* The statistics tell how many rays each look of a picture traced. If look_rays is set to such a number, all looks
+   trace as many rays from the start; a negative number guides these rays, even if looks have little noise. */
 TEST(pictures_take_the_rays_they_are_given) {
     static const int given[4] = { 0, 16, -64, 128 };
     sbl_context *context = watch_context(&seen, NULL, &dark_room);

@@ -103,27 +103,35 @@ TEST(a_map_beside_a_wall) {
     }
 }
 
+/* Makes a black floor of 4 x 4 about the origin, which fills the map, under a sky with a radiance of 1. */
+static void white_sky_over_floor(test_scene *s) {
+    static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
+    scene_sky(s, 1, 1, 1);
+    scene_floor(s, scene_material(s, 0, 0, 0), 0, 2)->lightmap_texcoords.data = uv;
+}
+
+/* Bakes the map of the floor at default settings, without bounces. Returns 0 on failure. */
+static int bake_floor(const test_scene *s, float ray_length, float map[3 * MAP * MAP]) {
+    const sbl_scene_desc scene = scene_desc(s);
+    sbl_lightmap_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.width = desc.height = MAP;
+    desc.options.mode = SBL_MODE_DIRECT;
+    desc.options.ray_length = ray_length;
+    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS &&
+           sbl_read_channel(context, SBL_CHANNEL_FINAL, map, 3 * MAP * MAP) == SBL_SUCCESS;
+}
+
 /* The sensors of the first level find occlusion that reaches 4 texels, which is less than the default tile of other
    lightmaps, on both sides of a wall that stands on a floor. */
 TEST(narrow_occlusion_is_found) {
     static float map[3 * MAP * MAP];
-    static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
     test_scene s = { 0 };
-    sbl_scene_desc scene;
-    sbl_lightmap_desc desc;
     double squares = 0;
     int i;
-    scene_sky(&s, 1, 1, 1);
-    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 2)->lightmap_texcoords.data = uv;
+    white_sky_over_floor(&s);
     scene_quad(&s, 0, -1, 0, -50, -1, 100, -50, -1, 100, 50, -1, 0, 50);
-    scene = scene_desc(&s);
-    memset(&desc, 0, sizeof desc);
-    desc.width = desc.height = MAP;
-    desc.options.mode = SBL_MODE_DIRECT;
-    desc.options.ray_length = 0.5f;
-    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
-    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_FINAL, map, 3 * MAP * MAP) == SBL_SUCCESS, "no map");
+    REQUIRE(bake_floor(&s, 0.5f, map), "%s", watch_last(&seen));
     for (i = 0; i < MAP * MAP; i++) {
         const double x = 4 * (i % MAP + 0.5) / MAP - 2;
         squares += pow((double)map[3 * i] - occlusion_beside_wall(fabs(x + 1), 0.5), 2);
@@ -137,22 +145,12 @@ TEST(narrow_occlusion_is_found) {
    dark line there. */
 TEST(boxes_hide_texels) {
     static float map[3 * MAP * MAP];
-    static const float uv[8] = { 0, 0, 0, 1, 1, 1, 1, 0 };
     test_scene s = { 0 };
-    sbl_scene_desc scene;
-    sbl_lightmap_desc desc;
     float inside, outside;
     int i;
-    scene_sky(&s, 1, 1, 1);
-    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 2)->lightmap_texcoords.data = uv;
+    white_sky_over_floor(&s);
     scene_box(&s, 0, -0.5f, -0.2f, -0.5f, 0.5f, 1, 0.5f);
-    scene = scene_desc(&s);
-    memset(&desc, 0, sizeof desc);
-    desc.width = desc.height = MAP;
-    desc.options.mode = SBL_MODE_DIRECT;
-    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
-    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_FINAL, map, 3 * MAP * MAP) == SBL_SUCCESS, "no map");
+    REQUIRE(bake_floor(&s, 0, map), "%s", watch_last(&seen));
     for (i = 12; i < 20; i++) {
         inside = map[3 * (i * MAP + 12)];
         outside = map[3 * (i * MAP + 11)];
