@@ -367,13 +367,13 @@
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and 56 panes. A mirror is here a surface of a roughness below 0.08 with a diffuse
-                  albedo of at most 0.02; most metals have such an albedo. Channels such as NORMAL, POSITION and ID
-                  belong to the surface that is seen; DEPTH is negative if that surface lies behind the camera. If a
-                  material (without its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16
-                  anti-aliasing samples per pixel, which blur what these mirrors show. All these samples lie at the
-                  pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by
-                  rays
+                  most 8 mirrors and 56 panes; each further pane counts as a mirror. A mirror is here a surface of a
+                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo.
+                  Channels such as NORMAL, POSITION and ID belong to the surface that is seen; DEPTH is negative if
+                  that surface lies behind the camera. If a material (without its texture) is such a mirror of a
+                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
+                  these mirrors show. All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The
+                  lobes of other smooth surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
                   except that metal of a roughness below 0.5 is itself a mirror there. No light is stored in
@@ -391,13 +391,14 @@
    mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per pixel. The
    stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
 
-   Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
-   were at least 0.3, and so does a ray that fills the store, once. Light that lamps send by way of mirrors (caustics)
-   is therefore blurred, but has no specks. A ray of a sensor that meets gloss of a roughness below 0.5 also continues
-   in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at which more than a fifth
-   of the light is reflected, and at other angles with a smaller chance. Every other surface reflects as a diffuse
-   surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque.
-   Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light along
+   the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe there, as
+   if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send by way of
+   mirrors (caustics) is therefore blurred, but has no specks. A ray of a sensor that meets gloss of a roughness below
+   0.5 also continues in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at
+   which more than a fifth of the light is reflected, and at other angles with a smaller chance. Every other surface
+   reflects as a diffuse surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes
+   are also opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.7 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
@@ -2994,7 +2995,8 @@ typedef struct sbl__record {
                                           2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
 
 #define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
-#define SBL__STEPS_MASK 4095           /* bits of a variance of lamps.glsl that hold a number of steps */
+#define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold the number of steps of its
+                                          rays through the hierarchy, in that unit */
 
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -5653,7 +5655,8 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 reflectance;  // reflectance of the specular lobe, seen along the normal\n",
 "    float roughness;   // 0 to 1; negative: the surface is matte\n",
 "    float opacity;     // coverage of the surface at this point, 0 to 1\n",
-"    vec3 clear;        // fraction of light that would pass straight through if the surface reflected nothing\n",
+"    vec3 clear;        // fraction of light that the covered part (see opacity) would let straight\n",
+"                       // through if it reflected nothing\n",
 "#endif\n",
 "};\n",
 "\n",
@@ -5709,16 +5712,18 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// At a surface of larger reflectance, a path continues in a direction of the surface's lobe.\n",
+"// A surface shines if it has a lobe whose reflectance along the normal exceeds this. Rays that hit it continue\n",
+"// in the lobe. Other surfaces with a lobe are gloss.\n",
 "const float SBL_SHINY = 0.2;\n",
-"const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it\n",
+"const float SBL_GLOSS_MET = 0.5;  // rays find rougher gloss diffuse\n",
 "\n",
 "// Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.\n",
 "bool sbl_shines(sbl_Material m, vec3 reflectance) {\n",
 "    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;\n",
 "}\n",
 "\n",
-"// Returns true for gloss whose lobe and diffuse part are apart for rays that hit it, see sbl_face_ray.\n",
+"// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue\n",
+"// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
 "bool sbl_is_met_as_gloss(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);\n",
 "}\n",
@@ -6088,8 +6093,8 @@ SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* The triangles in the order of the leaves. number: the triangle's index in the scene. cutout: 1 if the triangle may
-   have holes or transmit light */
+/* The triangles in the order of the leaves, which is the hierarchy's order. number: the triangle's index in the scene.
+   cutout: 1 if the triangle may have holes or transmit light */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -6552,14 +6557,15 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
-"const int SBL_HOLES = 64;            // a ray that meets this many holes and panes that it passes ends at the last\n",
+"const int SBL_HOLES = 64;            // a ray passes fewer holes and panes than this; it hits the next one\n",
 "const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after\n",
 "const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last\n",
 "                                     // place (Ize 2013, \"Robust BVH Ray Traversal\")\n",
 "const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error\n",
 "const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
-"// Returns the attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
+"// Returns the attributes at barycentrics b1, b2 of a triangle. triangle: its index in sbl_triangles, which is not\n",
+"// its index in the scene (see sbl_Hit)\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
 "#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
@@ -6589,7 +6595,8 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the\n",
 "// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may\n",
-"// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index.\n",
+"// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index in\n",
+"// the scene.\n",
 "// All distances are the bits of floats: as integers, the bits of positive floats have the same order as the\n",
 "// floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:\n",
 "// distance along the ray of the grid's origin. flip: for each axis, true if the ray's direction is negative\n",
@@ -6610,7 +6617,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec2 shear;\n",
 "    float z, per_z;  // component of the direction along the axis, and its reciprocal\n",
 "    float after;     // hits at a smaller distance are ignored\n",
-"    int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this\n",
+"    int past;        // hits at exactly the distance `after` are ignored if the triangle's index in the scene\n",
+"                     // (sbl_Hit.number) is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_permute(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
@@ -6645,7 +6653,7 @@ static const char *const sbl__glsl_traverse[] = {
 "int sbl_steps = 0;  // iterations of the loops of sbl_nearest, over all rays of the invocation\n",
 "\n",
 "// Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.\n",
-"// Hits are ordered by distance and, at the same distance, by the index of their triangle.\n",
+"// Hits are ordered by distance and, at the same distance, by the index of their triangle in the scene.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -6732,8 +6740,8 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES), or triangle -1. kind:\n",
-"// SBL_RAY_PATH and so on\n",
+"// Returns the nearest hit below `limit` that is not in a hole and that the ray does not pass (but see SBL_HOLES),\n",
+"// or triangle -1. kind: SBL_RAY_PATH and so on\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "    bool solid = false;\n",
@@ -8125,8 +8133,8 @@ static const char *const sbl__glsl_scene[] = {
 
 /* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_surface[] = {
-"// Computes surface points from a triangle's index and a ray. The rasteriser would interpolate positions that lie\n",
-"// off the plane of a large clipped triangle, and a sensor there would see its own surface.\n",
+"// Computes surface points from a triangle's index in the scene and a ray. The rasteriser would interpolate\n",
+"// positions that lie off the plane of a large clipped triangle, and a sensor there would see its own surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
@@ -9263,8 +9271,9 @@ typedef struct sbl__atlas_triangle {
                               none: last < first */
 } sbl__atlas_triangle;
 
-/* Gets the first and last texel of the working grid that an interval touches along axis k. If it touches none, or if
-   low = DBL_MAX, last < first. */
+/* Gets the first and the last texel that an interval touches along axis k, clipped to the working grid. The interval
+   and the result are positions in the whole map. If the interval touches no texel of the grid, or if low = DBL_MAX,
+   last < first. */
 static void sbl__atlas_span(const sbl__atlas *a, int k, double low, double high, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     const int from = a->window.first[k], end = from + a->window.size[k];
@@ -9789,7 +9798,7 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 "// For drivers without clip control. Above 0 (perspective): depth = depth_from_w * gl_FragCoord.w; 0\n",
 "// (orthographic): depth = 2 * gl_FragCoord.z - 1\n",
 "uniform float depth_from_w;\n",
-"layout(location = 0) out uint out_triangle;  // 1 + index of the triangle; 0: the pixel shows none\n",
+"layout(location = 0) out uint out_triangle;  // 1 + index of the triangle in the scene; 0: none\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_CUTOUTS\n",
@@ -9940,7 +9949,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
-"const int SBL_PANES = 56;               // a pixel shows surfaces behind at most this many panes\n",
+"const int SBL_PANES = 56;               // this many panes of a pixel are free; each further one counts as a mirror\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
@@ -9948,12 +9957,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    vec3 direction;   // direction of the last ray\n",
 "    vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way\n",
 "    vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky\n",
-"    int number;       // index of the triangle that the last ray hits\n",
+"    int number;       // index in the scene of the triangle that the last ray hits\n",
 "    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane\n",
 "};\n",
 "\n",
-"// Returns the radiance of a surface, with reflected stored light. number: index of its triangle; only_diffuse:\n",
-"// true: without its specular lobe\n",
+"// Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the\n",
+"// scene; only_diffuse: true: without its specular lobe\n",
 "vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {\n",
 "#ifdef SBL_BOUNCED\n",
 "    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
@@ -11802,11 +11811,13 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"// Sums over the rays. Light from clusters, texels and lamps of sparse facings is the mean of the rays' light;\n",
-"// light from other lamps is the closed form times the ratio seen / open.\n",
+"// Sums over the rays. A lamp outside clusters that has a closed form (see sbl_has_closed_form) gives this closed\n",
+"// form times the ratio seen / open, unless its facing is sparse. All other lamps give the mean of the rays' light,\n",
+"// which `sampled` sums, except that `sure` sums the exact light of the `certain` point lights. With SBL_LOBE,\n",
+"// `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).\n",
 "mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with\n",
 "                                              // it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse facings\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // see above\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
@@ -12344,7 +12355,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec3 clip;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // in texels\n",
 "uniform float radiance_scale;\n",
-"uniform int first_triangle;                  // index of the draw call's first triangle\n",
+"uniform int first_triangle;                  // index in the scene of the draw call's first triangle\n",
 "flat in int fragment_object;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
@@ -12960,10 +12971,11 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
-"// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the\n",
-"// hit is near or its surface shines. Further rays then find the reflected light, which the result lacks, except\n",
-"// that the diffuse part of a surface that shines reflects stored light. material: set only with SBL_BOUNCED. In\n",
-"// the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.\n",
+"// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
+"// the hit is near or its surface shines, otherwise false. If true, further rays find the reflected light, which\n",
+"// the result lacks, except that the diffuse part of a surface that shines reflects stored light. material: set\n",
+"// only with SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the\n",
+"// sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -14077,8 +14089,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                           surface samples per area of a cell of the level sbl__store.unseen_level */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
                                          get cells of the widest level, otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* at most about this many small triangles get surface samples */
-#define SBL__BOUNCE_SAMPLE_RAYS 4
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
+                                             that are too small to get a surface sample by area get one, too */
+#define SBL__BOUNCE_SAMPLE_RAYS 4  /* number of rays of a surface sample */
 #define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
 #define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
@@ -14289,10 +14302,10 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal\n",
 "// `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:\n",
-"// position of the hit, far away if the ray hits nothing; w: 1 + triangle index % SBL_CAST_NUMBERS, negative for\n",
-"// the back of the triangle; 0 if the ray hits nothing or the driver ended a loop early\n",
+"// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the\n",
+"// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light; a: triangle index / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
+"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
 "SBL_OUT(1, out_albedo);\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
@@ -23149,7 +23162,8 @@ static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
 }
 
 /* Tries to create a context on a display and to make it current. pbuffer: 1: its surface is a pbuffer; 0: it has no
-   surface. *taken: set to 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
+   surface. *taken: becomes 1 if a context that EGL did not create, such as one of GLX, is current in this thread;
+   otherwise it stays. Returns EGL_SUCCESS or an error. */
 static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 3,
                                     EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };

@@ -337,8 +337,8 @@ static inline int bake__read_grid(const char *at, int total, bake_grid *grid) {
     return ok;
 }
 
-/* Reads the facts of a part with probes. Returns 0 if the line is damaged. begun: is set to 1 if the line begins like
-   the first line of a part */
+/* Reads the facts of a part with probes. Returns 0 if the line is damaged. begun: receives 1 if the line begins like
+   the first line of a part, otherwise 0 */
 static inline int bake__read_facts(const char *line, bake_facts *facts, int *begun) {
     const char *at = line;
     char words[64];
@@ -379,8 +379,8 @@ static inline int bake__same_groups(bake_parts *b, const bake_groups *groups) {
     return memcmp(&b->groups, groups, sizeof *groups) == 0;
 }
 
-/* Reads the lines before the probes. Returns 0 if they are damaged or do not fit the first part. begun: is set to 1 if
-   the file begins like a part */
+/* Reads the lines before the probes. Returns 0 if they are damaged or do not fit the first part. begun: receives 1 if
+   the file begins like a part, otherwise 0 */
 static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
     char line[BAKE_LINE];
     const char *at = line;
@@ -434,7 +434,7 @@ static inline int bake__read_properties(FILE *in, bake_groups *groups) {
 }
 
 /* Reads the header before the vertices, and checks the size of the file. Returns 0 if the file is damaged or does not
-   fit the first part. begun: is set to 1 if the file begins like a part */
+   fit the first part. begun: receives 1 if the file begins like a part, otherwise 0 */
 static inline int bake__read_vertices_head(bake_parts *b, FILE *in, bake_facts *facts, bake_part *part, int *begun) {
     char line[BAKE_LINE], words[64];
     bake_groups groups;

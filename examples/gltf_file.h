@@ -52,7 +52,7 @@ typedef struct gltf_file {
     int has_lights;             /* 1: write the lights of the scene, too */
     const float *camera;        /* NULL, or a camera: eye, forward, up (three floats each), fov_y in degrees */
     const int *map_of;          /* one per mesh: index of its lightmap, or -1; NULL if map_count is 0 */
-    const gltf__materials *materials;  /* set by gltf_write_json */
+    const gltf__materials *materials;  /* leave NULL; gltf_write_json sets it in its own copy */
 } gltf_file;
 
 static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }

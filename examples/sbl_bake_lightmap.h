@@ -911,7 +911,8 @@ static int divide_map(map_bake *b) {
 
 /* ---- all maps of a run ---- */
 
-/* Bakes a map and writes its files. Returns the exit status. */
+/* Bakes a map and writes its files (with --join: joins its parts; with --part: bakes one part). Returns the exit
+   status. */
 static int bake_map(map_bake *b, double *seconds) {
     const int extra = given[AO] ? AO : SHADOW_MASK;
     int status;

@@ -251,9 +251,10 @@ static double survey__backs(const survey__work *w, int i) {
     return 0.5 * w->outside[i] + 0.25 * (w->outside[ring + left] + w->outside[ring + right]);
 }
 
-/* Chooses the direction that shows the front of an object. It is the first direction, unless that shows mostly back
-   faces, like a corner of two walls, and another shows far fewer. The direction from behind is tried first, then those
-   from the sides, and those at the higher elevation last. */
+/* Chooses the direction that shows the front of an object: the first direction, unless it shows mostly back faces, like
+   a corner of two walls, and another shows less than half as many. Of several such directions, a later one replaces an
+   earlier one only if its share of back faces is lower by more than 0.1. The order is: from behind, from both sides
+   alternately, and then the same at the higher elevation. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;
     for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++) {

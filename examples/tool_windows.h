@@ -120,8 +120,10 @@ static int windows__write(const char *name, output_writer write, const void *wha
     return ok;
 }
 
-/* Opens the folder of finished windows. If it contains a plan of an earlier run, --resume uses that plan and the light
-   with it, and *found becomes 1. Returns the exit status. */
+/* Opens the folder of finished windows, and creates it if it does not exist. If it holds the plan of an earlier run:
+   with --resume, replaces w->work by that plan, loads its stored light if w->keeps_light is 1, and sets *found to 1,
+   but fails if the plan is for another region; without --resume, fails. Otherwise sets *found to 0. Returns the exit
+   status. */
 static int windows__open_folder(windows *w, int *found) {
     plan old = w->work;
     FILE *light;

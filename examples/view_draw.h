@@ -12,10 +12,10 @@ static const char view_vertex[] =
     "    gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);\n"
     "}\n";
 
-/* Copies a picture into the frame, pixel for pixel, row 0 to row 0. tone: 0 copies it unchanged; 1 to 3 is an sbl_tone,
-   which is applied to the picture times factor. The curves are those of shaders_embedded/tone.glsl: PBR Neutral
-   (Khronos Group 2024) and AgX (Sobotka 2022). backdrop: see sbl_picture_desc.backdrop; it is shown where depths is 0
-   and it is brighter than the picture */
+/* Copies a picture into the frame, pixel for pixel, row 0 to row 0. tone: 0 copies the picture, clamped to 0..1,
+   without a backdrop; 1 to 3 is an sbl_tone, which is applied to the picture times factor. The curves are those of
+   shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and AgX (Sobotka 2022). backdrop: see
+   sbl_picture_desc.backdrop; with a tone, it is shown where depths is 0 and it is brighter than the picture */
 static const char view_tone_fragment[] =
     "uniform sampler2D picture;\n"
     "uniform sampler2D depths;\n"

@@ -43,7 +43,7 @@ const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the 
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
-const int SBL_PANES = 56;               // a pixel shows surfaces behind at most this many panes
+const int SBL_PANES = 56;               // this many panes of a pixel are free; each further one counts as a mirror
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
 // The surface that a pixel shows in mirrors and behind panes
@@ -51,12 +51,12 @@ struct sbl_Mirrored {
     vec3 direction;   // direction of the last ray
     vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way
     vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky
-    int number;       // index of the triangle that the last ray hits
+    int number;       // index in the scene of the triangle that the last ray hits
     bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane
 };
 
-// Returns the radiance of a surface, with reflected stored light. number: index of its triangle; only_diffuse:
-// true: without its specular lobe
+// Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the
+// scene; only_diffuse: true: without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
     vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);

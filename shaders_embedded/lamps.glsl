@@ -261,11 +261,13 @@ int sbl_pick_entry(inout sbl_Pick p) {
 
 // >>shoot
 
-// Sums over the rays. Light from clusters, texels and lamps of sparse facings is the mean of the rays' light;
-// light from other lamps is the closed form times the ratio seen / open.
+// Sums over the rays. A lamp outside clusters that has a closed form (see sbl_has_closed_form) gives this closed
+// form times the ratio seen / open, unless its facing is sparse. All other lamps give the mean of the rays' light,
+// which `sampled` sums, except that `sure` sums the exact light of the `certain` point lights. With SBL_LOBE,
+// `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).
 mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with
                                               // it
-vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse facings
+vec3 sure = vec3(0), sampled = vec3(0);       // see above
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights

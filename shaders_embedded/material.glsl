@@ -24,7 +24,8 @@ struct sbl_Material {
     vec3 reflectance;  // reflectance of the specular lobe, seen along the normal
     float roughness;   // 0 to 1; negative: the surface is matte
     float opacity;     // coverage of the surface at this point, 0 to 1
-    vec3 clear;        // fraction of light that would pass straight through if the surface reflected nothing
+    vec3 clear;        // fraction of light that the covered part (see opacity) would let straight
+                       // through if it reflected nothing
 #endif
 };
 
@@ -80,16 +81,18 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 }
 
 #ifdef SBL_SPECULAR
-// At a surface of larger reflectance, a path continues in a direction of the surface's lobe.
+// A surface shines if it has a lobe whose reflectance along the normal exceeds this. Rays that hit it continue
+// in the lobe. Other surfaces with a lobe are gloss.
 const float SBL_SHINY = 0.2;
-const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
+const float SBL_GLOSS_MET = 0.5;  // rays find rougher gloss diffuse
 
 // Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.
 bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
 }
 
-// Returns true for gloss whose lobe and diffuse part are apart for rays that hit it, see sbl_face_ray.
+// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue
+// in its lobe; the others find only its diffuse part (see sbl_face_ray).
 bool sbl_is_met_as_gloss(sbl_Material m) {
     return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);
 }

@@ -4,7 +4,7 @@ layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor
 in vec3 clip;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // in texels
 uniform float radiance_scale;
-uniform int first_triangle;                  // index of the draw call's first triangle
+uniform int first_triangle;                  // index in the scene of the draw call's first triangle
 flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;

@@ -1,5 +1,5 @@
-// Computes surface points from a triangle's index and a ray. The rasteriser would interpolate positions that lie
-// off the plane of a large clipped triangle, and a sensor there would see its own surface.
+// Computes surface points from a triangle's index in the scene and a ray. The rasteriser would interpolate
+// positions that lie off the plane of a large clipped triangle, and a sensor there would see its own surface.
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     sbl_Material material;

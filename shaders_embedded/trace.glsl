@@ -54,10 +54,11 @@ const int sky_layer = 0;
 #endif
 
 // Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
-// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true if the
-// hit is near or its surface shines. Further rays then find the reflected light, which the result lacks, except
-// that the diffuse part of a surface that shines reflects stored light. material: set only with SBL_BOUNCED. In
-// the first segment, leaves out the light of glows, which lamps.glsl measures for the sensor.
+// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if
+// the hit is near or its surface shines, otherwise false. If true, further rays find the reflected light, which
+// the result lacks, except that the diffuse part of a surface that shines reflects stored light. material: set
+// only with SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the
+// sensor.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;

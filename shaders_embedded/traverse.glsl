@@ -3,14 +3,15 @@ uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid 
 uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
-const int SBL_HOLES = 64;            // a ray that meets this many holes and panes that it passes ends at the last
+const int SBL_HOLES = 64;            // a ray passes fewer holes and panes than this; it hits the next one
 const float SBL_PASSED = 0.9999;     // a box is skipped if the ray leaves it before this * sbl_Ray.after
 const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, in units in the last
                                      // place (Ize 2013, "Robust BVH Ray Traversal")
 const float SBL_SELF_DEEP = 1e-4;    // a hit closer than this * deep must be farther away than the rounding error
 const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test
 
-// Returns the attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
+// Returns the attributes at barycentrics b1, b2 of a triangle. triangle: its index in sbl_triangles, which is not
+// its index in the scene (see sbl_Hit)
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 #ifdef SBL_TEXTURED
     ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));
@@ -40,7 +41,8 @@ sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.tri
 
 // Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the
 // ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may
-// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index.
+// enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index in
+// the scene.
 // All distances are the bits of floats: as integers, the bits of positive floats have the same order as the
 // floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:
 // distance along the ray of the grid's origin. flip: for each axis, true if the ray's direction is negative
@@ -61,7 +63,8 @@ struct sbl_Ray {
     vec2 shear;
     float z, per_z;  // component of the direction along the axis, and its reciprocal
     float after;     // hits at a smaller distance are ignored
-    int past;        // hits at exactly the distance `after` are ignored if the triangle's index is at most this
+    int past;        // hits at exactly the distance `after` are ignored if the triangle's index in the scene
+                     // (sbl_Hit.number) is at most this
 };
 
 vec3 sbl_permute(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
@@ -96,7 +99,7 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
 int sbl_steps = 0;  // iterations of the loops of sbl_nearest, over all rays of the invocation
 
 // Returns the first hit after (after, past) at a distance below `limit`, or triangle -1 if the ray hits nothing.
-// Hits are ordered by distance and, at the same distance, by the index of their triangle.
+// Hits are ordered by distance and, at the same distance, by the index of their triangle in the scene.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
@@ -183,8 +186,8 @@ bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
 }
 #endif
 
-// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES), or triangle -1. kind:
-// SBL_RAY_PATH and so on
+// Returns the nearest hit below `limit` that is not in a hole and that the ray does not pass (but see SBL_HOLES),
+// or triangle -1. kind: SBL_RAY_PATH and so on
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
     bool solid = false;

@@ -2,7 +2,7 @@ flat in int triangle;
 // For drivers without clip control. Above 0 (perspective): depth = depth_from_w * gl_FragCoord.w; 0
 // (orthographic): depth = 2 * gl_FragCoord.z - 1
 uniform float depth_from_w;
-layout(location = 0) out uint out_triangle;  // 1 + index of the triangle; 0: the pixel shows none
+layout(location = 0) out uint out_triangle;  // 1 + index of the triangle in the scene; 0: none
 
 void main() {
 #ifdef SBL_CUTOUTS

@@ -614,7 +614,8 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
     host_geometry_free(&h);
 }
 
-/* Geometry that the host draws gives the same picture as meshes. */
+/* Geometry that the host draws gives the same picture as meshes: up to rounding under a sky, and approximately with a
+   lamp (see drawn_by_host). */
 TEST(draw_callback) {
     int lit;
     for (lit = 0; lit < 2; lit++) {

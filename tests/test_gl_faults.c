@@ -88,7 +88,7 @@ static sbl_reading readings[SITES], expected_readings[SITES];
 static sbl_result small_gather(sbl_context *context) {
     static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
         { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
-                                           /* the last site is inside the box and faces out */
+        /* the last site is inside the box: it sees back faces, so it gets a stuck test */
                                            { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };
     const sbl_picture_desc view = small_view();
     sbl_readings_desc desc;

@@ -294,7 +294,7 @@ TEST(groups_of_glows) {
 
 /* >>lightmaps */
 
-/* A floor under two lamps, each a group of its own, agrees with closed forms. */
+/* A floor lit by two lamps, each a group of its own, agrees with closed forms. */
 TEST(groups_of_two_lamps) {
     static const float lamps[2][12] = { { -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f },
                                         { 3, 0.6f, -1, 3, 0.6f, 0.5f, 3, 2, 0.5f, 3, 2, -1 } };

@@ -753,7 +753,8 @@ static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
     free(out);
 }
 
-/* Makes the allocator fail at the nth allocation from now, and at all later ones if the byte is at least 192. */
+/* Reads a byte. The allocation with the number byte % 64, counted from now, fails, and all later ones fail if the byte
+   is at least 192. If byte % 64 is 0, none fails. */
 static void fuzz_refuse(fuzz_bytes *b, fuzz_context *c) {
     const unsigned byte = fuzz_byte(b);
     c->refuse_in = (int)(byte % 64);
