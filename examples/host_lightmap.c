@@ -342,7 +342,7 @@ static void draw_ball(const host *h, const room *r, const float middle[3], const
 enum { FRAMES = 12, PICTURE = OWN_TARGETS };
 
 static const tool_line lines[] = {
-    { TOOL_HEADING, "What:" },
+    { TOOL_HEADING, "Task:" },
     { CHANNEL, "final (default) or radiance" },
     { MODE, NULL },
     { TOOL_HEADING, "Camera:" },
@@ -360,13 +360,13 @@ static const tool_line lines[] = {
 
 static void print_help(void) {
     printf("usage: host_lightmap SCENE FOLDER -o FILE [options]\n"
-           "       host_lightmap SCENE FOLDER [options]\n\n"
-           "Draws SCENE, which has second texture coordinates, in plain OpenGL 3.3, with the light that\n"
-           "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER: the newest of atlas.exr, .pfm, .ktx2, .hdr and\n"
-           ".rgbm.png; of several maps, atlas_K.exr and so on for each map K. Without -o, the camera moves a\n"
-           "little, while a ball passes through the light of probes, and %d frames are written:\n"
-           "FOLDER/frame_00.png and so on. Options for light apply to the probes.\n",
-           (int)FRAMES);
+           "       host_lightmap SCENE FOLDER [options]\n");
+    tool_print_text("\n"
+                    "Draws SCENE, which has a second set of texture coordinates, in plain OpenGL 3.3, with the light "
+                    "that sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER: the newest of atlas.exr, .pfm, "
+                    ".ktx2, .hdr and .rgbm.png; of several maps, atlas_K.exr and so on for each map K. Without -o, "
+                    "the camera moves a little, while a ball passes through the light of probes, and a few frames "
+                    "are written: FOLDER/frame_00.png and so on. Options for light apply to the probes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
 }
 

@@ -81,206 +81,175 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; with --lightmap or --cubemaps, FILE is a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N|auto", INTEGERS, &options.lightmap, 1, 1, 16384,
-                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; sbl_unwrap makes them) into "
-                   "one map\n"
-                   "of N x N texels, and writes these files into the folder of --output:\n"
-                   "lightmap.exr     R (irradiance / pi) of each texel, linear; 0 where there is no surface; see "
+                   "bakes all meshes that have a second set of texture coordinates (TEXCOORD_1; sbl_unwrap adds it) "
+                   "into one map of N x N texels, and writes these files into the folder of --output:\n"
+                   "lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no surface; see "
                    "--formats\n"
-                   "atlas.exr        the same, continued into the gutters, for bilinear sampling and mip maps: for "
+                   "atlas.exr       the same, continued into the gutters, for bilinear sampling and mip maps: for "
                    "engines\n"
-                   "atlas.png        atlas in 8-bit sRGB; scene.gltf contains its scale\n"
-                   "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material "
-                   "refers to\n"
-                   "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
-                   "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
-                   "overlap.png      only if charts overlap; shared texels are red\n"
+                   "atlas.png       atlas in 8-bit sRGB; scene.gltf contains its scale\n"
+                   "scene.gltf      the scene, with scene.bin and texture_*.png. The extension MOZ_lightmap of each "
+                   "material refers to atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
+                   "scene_lit.glb   the scene with its light, for any viewer of glTF, see --lit\n"
+                   "overlap.png     written if charts overlap; shared texels are red\n"
+                   "maps.json       written if there are several maps: files and factors of each map; for each node "
+                   "its map, and scale and offset of TEXCOORD_1\n"
                    "If sbl_unwrap has made several maps for the scene, all are baked with the same bounced light. "
-                   "Names of pictures\n"
-                   "then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files refer to all maps\n"
-                   "maps.json        only of several maps: their files and factors; of each node: its map, and scale "
-                   "and offset of\n"
-                   "                 its TEXCOORD_1 in the map\n"
-                   "auto: the size for which sbl_unwrap has made the coordinates", exposure_words },
+                   "Names of pictures then end in the number of the map: atlas_0.exr, sh_2_0.exr, ... The scene files "
+                   "refer to all maps.\n"
+                   "--lightmap auto: the size for which sbl_unwrap has made the coordinates", exposure_words },
     [MAP] = { "--map", "K", INTEGERS, &options.map, 1, 0, 9999,
               "with --lightmap: bakes only map K, if sbl_unwrap has made several maps for the scene; the first is 0. "
-              "Names of\n"
-              "files have no number then. --part and --join need it. Use one --store for all" },
+              "File names then have no number. If there are several maps, --part and --join need --map. Use the same "
+              "--store for all maps" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [FORMATS] = { "--formats", "LIST", TEXT, &options.format_list, 0, 0, 0,
                   "with --lightmap: formats of lightmap, atlas and sh_*, such as exr,ktx2; default " MAP_DEFAULT ":\n"
-                  "exr    16-bit floats, at most 65504. exr32: 32-bit floats, in the same files\n"
-                  "hdr    RGBE (.hdr); no sh_*, because it holds nothing negative\n"
-                  "rgbm   8 bits (.rgbm.png): R = (range * alpha * rgb)^2 with linear bytes; the range is printed, and "
-                  "is in the\n"
-                  "       text sbl.range of the file and in the extras of scene.gltf; no sh_*\n"
-                  "ktx2   16-bit floats for GPUs (.ktx2, RGBA, not compressed)\n"
-                  "pfm    32-bit floats (.pfm)\n"
+                  "exr     16-bit floats, at most 65504\n"
+                  "exr32   32-bit floats, with the same file names as exr\n"
+                  "hdr     RGBE (.hdr); sh_* is not written, because .hdr has no negative values\n"
+                  "rgbm    8 bits (.rgbm.png): R = (range * alpha * rgb)^2 with linear bytes; the range is printed, "
+                  "and is in the text sbl.range of the file and in the extras of scene.gltf; sh_* is not written\n"
+                  "ktx2    16-bit floats for GPUs (.ktx2, RGBA, not compressed)\n"
+                  "pfm     32-bit floats (.pfm)\n"
                   "Values beyond the range of a format become its largest value, with a warning" },
     [LIT] = { "--lit", "N", INTEGERS, &options.lit, 1, 0, 16384,
-              "with --lightmap: the texture of scene_lit.glb has N x N texels; 0: it is not written. Its materials are "
-              "unlit\n"
-              "(KHR_materials_unlit), and show colour times light, exposed and tone-mapped (PBR Neutral), in the "
-              "charts of the\n"
-              "map; it has no reflections and normal maps. Default: 4 times the size of the map, from 512 to 4096, "
-              "which keeps\n"
-              "textures sharp; without textures, the size of the map, up to 4096; half of it while --memory allows "
-              "less" },
+              "with --lightmap: the texture of scene_lit.glb has N x N texels; 0: it is not written. Its materials "
+              "are unlit (KHR_materials_unlit), and show colour times light, exposed and tone-mapped (PBR Neutral), "
+              "in the charts of the map; it has no reflections or normal maps. Default: 4 times the size of the map, "
+              "from 512 to 4096, which keeps textures sharp; without textures, the size of the map, up to 4096. It is "
+              "halved until it fits into a quarter of --memory" },
     [LIT_EXPOSURE] = { "--exposure", "STOPS|auto", NUMBERS, &options.stops, 1, -50, 50,
                        "exposure of scene_lit.glb in stops; auto (default): chosen for the light on the surfaces",
                        exposure_words },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                      "with --lightmap: also writes the light by direction, for normal maps: sh_0 to sh_3 are the\n"
+                      "with --lightmap: also writes the light by direction, for normal maps: sh_0 to sh_3 are the "
                       "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
-                      "spherical harmonics\n"
-                      "1, y, z, x, continued into the gutters" },
+                      "spherical harmonics 1, y, z, x, continued into the gutters" },
     [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
-             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of "
-             "the directions\n"
-             "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
-             "any distance. They\n"
-             "are continued into the gutters; .png holds linear bytes. The target error is that of the shares: 0.5% "
-             "is 0.005. Takes\n"
-             "a seventh to two thirds of the time of a map in mode gi. The map must be baked at once: without "
-             "--part and --join,\n"
-             "and not in windows" },
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
+             "directions in which no surface is within DISTANCE; and sky.exr and sky.png, the share of directions "
+             "that see the sky. They are continued into the gutters; .png holds linear bytes. --target-error is then "
+             "absolute: 0.5% is an error of 0.005 of the share. Takes a seventh to two thirds of the time of a map in "
+             "mode gi. The map must be baked in one piece: without --part and --join, and not in windows" },
     [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
-                      "channels R, G,\n"
-                      "B, A are the visibility of the first four lights of the file, whose names are printed; 1 where "
-                      "there is no\n"
-                      "such light. Visibility is the direct light of one light, divided by that without shadows; it is "
-                      "0 behind the\n"
-                      "surface and outside the cone; panes let their share pass. It is continued into the gutters. "
-                      "Lights of files\n"
-                      "have no size, so that edges are hard; --supersample smooths them. The map must be baked at "
-                      "once: without\n"
-                      "--part and --join, and not in windows" },
+                      "channels R, G, B, A are the visibility of the first four lights of the file, whose names are "
+                      "printed; 1 where there is no such light. Visibility is the direct light of one light, divided "
+                      "by the same light without shadows; it is 0 behind the surface and outside the cone; "
+                      "transparent surfaces (thin panes) reduce it by the share that they absorb or reflect. It is "
+                      "continued into the gutters. Lights of files have no size, so that edges are hard; "
+                      "--supersample smooths them. The map must be baked in one piece: without --part and --join, and "
+                      "not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
-                      "texels;\n"
-                      "default 1" },
+                      "texels; default 1" },
     [FACET_LIMIT] = { "--facet-limit", "TEXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                      "with --lightmap: triangles of at most this height in the map are lit with their geometric "
-                      "normals, and\n"
-                      "triangles from twice this height on with the normals of the file. 2 suits rooms with narrow "
-                      "mouldings;\n"
-                      "default 0: all have the normals of the file" },
+                      "with --lightmap: triangles of at most this height in the map use geometric normals; those of "
+                      "at least twice this height use the normals of the file; triangles in between use a mixture. 2 "
+                      "suits rooms with narrow mouldings; default 0: all use the normals of the file" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
-                       "also writes the light of each group of sources, from the same rays. All groups add up to "
-                       "the light without groups:\n"
+                       "also writes the light of each group of sources, from the same rays. All groups add up to the "
+                       "light without groups:\n"
                        "--lightmap   atlas_NAME, in the formats of atlas; not with --directional\n"
                        "--vertices   radiance_NAME_r, _g and _b in a .ply, attribute _RADIANCE_NAME in a .gltf\n"
                        "--probes     sh and cube in the object groups of each probe, under NAME\n"
-                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, "
-                       "named sky. It\n"
-                       "belongs to the first group whose pattern matches its name (with * ? and [], as in a shell); "
-                       "NAME alone\n"
-                       "is its own pattern; a source without a matching pattern belongs to the group rest. At most "
-                       "8 groups" },
+                       "A source is a light or an emitting mesh, both with the name of their node, or the sky, named "
+                       "sky. It belongs to the first group whose pattern matches its name (with * ? and [], as in a "
+                       "shell). NAME without =PATTERN means NAME=NAME. A source without a matching pattern belongs to "
+                       "the group rest. At most 8 groups" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                       "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
-                       "divided\n"
-                       "by the mean of R; default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most "
-                       "1024, 2048,\n"
-                       "4096 rays. With --cubemaps: that of each face; default as for a picture of sbl_render",
+                       "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the "
+                       "map, divided by the mean of R. Default 2%, 0.5%, 0.25% by preset; with the default, a sensor "
+                       "uses at most 1024, 2048, 4096 rays. With --cubemaps: that of each face; default as for a "
+                       "picture of sbl_render",
                        .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
                    "bakes R at the vertices of all meshes, fitted by least squares to the light on their triangles, "
-                   "and writes\n"
-                   "FILE.ply (binary: x y z nx ny nz in world space; radiance_r radiance_g radiance_b, which are R; "
-                   "and faces)\n"
-                   "or FILE.gltf (with a .bin and texture_*.png in the same folder; R is vertex attribute _RADIANCE)" },
+                   "and writes FILE.ply (binary: x y z nx ny nz in world space; radiance_r radiance_g radiance_b, "
+                   "which are R; and faces) or FILE.gltf (with a .bin and texture_*.png in the same folder; R is "
+                   "vertex attribute _RADIANCE)" },
     [AVERAGE] = { "--average", NULL, FLAG, NULL, 0, 0, 0,
                   "with --vertices: averages the light around each vertex instead of fitting; this is smoother, but "
-                  "wrong\n"
-                  "where triangles are large" },
+                  "wrong where triangles are large" },
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
                   "with --vertices: number of points on a triangle of mean area; default 4, 8, 16 by preset" },
     [SMOOTHING] = { "--smoothing", "S", NUMBERS, &options.smoothing, 1, 0, 1e6,
-                    "with --vertices: weight of the rule that the slope of the light is equal on both sides of an "
-                    "edge; 0 turns\n"
-                    "it off; default 0.02" },
+                    "with --vertices: how strongly equal slopes of light on both sides of an edge are preferred; 0: "
+                    "not at all; default 0.02" },
     [PROBES] = { "--probes", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
-                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells "
-                 "of a grid over\n"
-                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers on "
-                 "each line.\n"
-                 "Each probe has: position; valid (false inside geometry); sh: radiance in nine real orthonormal "
-                 "spherical\n"
-                 "harmonics, rgb each, in the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R on surfaces that "
-                 "face +x -x\n"
-                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means "
-                 "for each\n"
-                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in "
-                 "sbl.h). FILE.json also\n"
-                 "contains the origin and the spacing of the grid, and the constants and weights that convert sh to "
-                 "irradiance;\n"
-                 "examples/engines/probes.glsl does this in a shader",
+                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells of "
+                 "a grid over the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three "
+                 "numbers on each line. Each probe has:\n"
+                 "position           of the probe in the world\n"
+                 "valid              false inside geometry\n"
+                 "sh                 radiance in nine real orthonormal spherical harmonics, rgb each, in the order 1, "
+                 "y, z, x, xy, yz, 3z2-1, xz, x2-y2\n"
+                 "cube               R on surfaces that face +x -x +y -y +z -z\n"
+                 "sky                the fraction of directions that see the sky\n"
+                 "distance           mean distance of surfaces for each octant\n"
+                 "distance_squared   mean of its square\n"
+                 "back_share         the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h)\n"
+                 "FILE.json also contains the origin and the spacing of the grid, and the constants and weights that "
+                 "convert sh to irradiance; examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
     [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
                    "bakes the radiance from all directions at points in the air, for reflections. The points are "
-                   "given as for --probes.\n"
-                   "Writes these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
-                   "cubemap_NNNN.ktx2      all levels, half floats; faces +x -x +y -y +z -z as in OpenGL, so that "
-                   "sampling in a\n"
-                   "                       direction of the world gives the radiance from there\n"
-                   "cubemap_NNNN_K.exr     level K as a column of six faces, from the top, in 32-bit floats\n"
-                   "cubemaps.json          position, valid (false inside geometry: no files), and for parallax the "
-                   "box of the room,\n"
-                   "                       whose sides are at the surfaces that are parallel to them and fill most "
-                   "of the view, or\n"
-                   "                       at the bounds of the scene; size and roughness of each level\n"
-                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are "
-                   "filtered by GGX lobes\n"
-                   "with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis 2013)",
+                   "given as for --probes. Writes these files into the folder of --output, with NNNN from 0000 on, at "
+                   "most 9999:\n"
+                   "cubemap_NNNN.ktx2    all levels, half floats; faces +x -x +y -y +z -z as in OpenGL, so that "
+                   "sampling in a direction of the world gives the radiance from there\n"
+                   "cubemap_NNNN_K.exr   level K as a column of six faces, from the top, in 32-bit floats\n"
+                   "cubemaps.json        size and roughness of each level; for each point: position, valid (false "
+                   "inside geometry: no files), and a box for parallax correction. Each side of the box lies on the "
+                   "parallel surface that fills most of the view; without such a surface, on the bounds of the "
+                   "scene\n"
+                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are filtered "
+                   "by GGX lobes with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis "
+                   "2013)",
                    NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MAX,
                   "with --cubemaps: texels across a face of level 0, a power of two from 8 to 1024; default 128" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
-               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
-               "a .ply),\n"
-               "or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: the file is, "
-               "to the\n"
-               "byte, that of a bake without --part. --join joins a lightmap. In mode gi, give all parts the same "
-               "--store, and\n"
-               "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
+               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes "
+               "(in a .ply), or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: "
+               "the joined file is byte-identical to a bake without --part. --join joins a lightmap. In mode gi, give "
+               "all parts the same --store, and finish one part before you start the others: it computes the bounced "
+               "light, which they load.\n"
+               PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
-               "complete\n"
-               "map. If it exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that "
-               "are made with different\n"
-               "graphics drivers must share one FILE" },
+               "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price (the "
+               "least benefit that a measurement must have; see ON PARTS in sbl.h) of the complete map. If FILE "
+               "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
+               "different graphics drivers must share one FILE" },
     [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
-               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), fills the "
-               "gutters and\n"
-               "joins the seams. Give the options of the parts, without --part, --plan and --store. --memory must "
-               "allow\n"
-               "about 42 bytes for each texel, 90 with --directional, 12 more with each light group" },
+               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), fills the gutters "
+               "and joins the seams. Repeat the options with which the parts were baked, except --part, --plan and "
+               "--store. --memory must allow about 42 bytes for each texel, 90 with --directional, 12 more with each "
+               "light group" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "with --lightmap: continues a map that an interrupted run was baking window by window, because it "
-                 "is larger than\n"
-                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts (of "
-                 "several maps:\n"
-                 "OUTPUT_0.parts, ...), which is removed at the end; while it exists, a run without --resume is "
-                 "refused" },
+                 "with --lightmap: continues an interrupted map that is baked window by window. A map is baked window "
+                 "by window if it has more than 4096 x 4096 texels or needs more than --memory. Finished windows are "
+                 "in the folder OUTPUT.parts (of several maps: OUTPUT_0.parts, ...), which is removed at the end; "
+                 "while it exists, a run without --resume is refused" },
 };
 static int given[OPTION_COUNT];
 static light_groups groups;
 static sbl_material *grouped_materials;  /* NULL, or the copied materials of groups_assign */
 
 static const tool_line lines[] = {
-    { TOOL_HEADING, "What:" },
+    { TOOL_HEADING, "Task:" },
     { LIGHTMAP, "a map of N x N texels, into a folder" },
     { MAP, NULL },
-    { DIRECTIONAL, "also how the light of the map depends on direction" },
-    { AO, "also ambient occlusion and sky visibility" },
+    { DIRECTIONAL, "also writes the light by direction, for normal maps" },
+    { AO, "also writes ambient occlusion and sky visibility" },
     { SHADOW_MASK, NULL },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
-    { PROBES, "light at points, of a grid or a text file; into .json" },
+    { PROBES, "light at the points of a grid or text file, as .json" },
     { MOVE, NULL },
     { CUBEMAPS, "cube maps at points, for reflections; into a folder" },
     { CUBEMAP, NULL },
@@ -293,7 +262,7 @@ static const tool_line lines[] = {
     LIGHT_LINES,
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error of maps and cube maps, such as 2%" },
-    { SUPERSAMPLE, "finer shadows in a map: N x N measurements per texel" },
+    { SUPERSAMPLE, NULL },
     { FACET_LIMIT, NULL },
     { SAMPLES, NULL },
     { SMOOTHING, NULL },
@@ -314,25 +283,23 @@ static void print_help(void) {
     printf(
         "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-        "       sbl_bake SCENE --probes|--cubemaps AxBxC|LIST -o FILE|FOLDER [options]\n\n"
+        "       sbl_bake SCENE --probes AxBxC|LIST -o FILE.json [options]\n"
+        "       sbl_bake SCENE --cubemaps AxBxC|LIST -o FOLDER [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
-        "A lightmap needs second texture coordinates, which sbl_unwrap makes.\n");
+        "A lightmap needs a second set of texture coordinates; sbl_unwrap adds it.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
     if (!common.help_all) return;
-    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, each use needs its own "
-           "place in\n"
-           "a lightmap, or all overlap: lightmapScaleOffset in the extras of its node in glTF; sbl_unwrap writes it.\n"
-           "\nEach file is written completely or not at all.\n"
-           "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
-           "program ends.\n"
-           "If there is no light yet, or with --vertices or --probes, nothing is saved. Complete cube maps stay. A "
-           "second Ctrl-C\n"
-           "ends the program at once, and so does the first one after 6 seconds in which the graphics driver does not "
-           "return. The\n"
-           "signals SIGTERM and SIGHUP do the same.\n"
-           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
-           "143\n"
-           "(SIGTERM), 129 (SIGHUP).\n");
+    tool_print_text("\n"
+                    "Materials and lights are read as by sbl_render. If a mesh is used several times, each use needs "
+                    "its own area of the lightmap, or the uses overlap. glTF gives the area as lightmapScaleOffset in "
+                    "the extras of the node; sbl_unwrap writes it.\n"
+                    "\n"
+                    "Each file is written completely or not at all.\n"
+                    "\n"
+                    "If you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and "
+                    "the program ends. If there is no light yet, or with --vertices or --probes, nothing is saved. "
+                    "Complete cube maps stay. " TOOL_SIGNALS_WORDS "\n"
+                    TOOL_STATUS_WORDS);
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }

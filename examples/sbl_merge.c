@@ -25,11 +25,10 @@ enum { OUTPUT, EXPOSURE, QUIET, HELP, VERSION, OPTION_COUNT };
 
 static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &options.output, 0, 0, 0,
-                 "also -o; a picture: .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats);\n"
-                 "a bake: .json or .ply" },
+                 "also -o; a picture: .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); a bake: .json or .ply" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "each stop doubles the brightness of a .png; default auto: the exposure that\n"
-                   "sbl_render chose for the complete picture. Not for parts of channel display", exposure_words },
+                   "each stop doubles the brightness of a .png; default auto: the exposure that sbl_render chose for "
+                   "the complete picture. Not for parts of channel display", exposure_words },
     [QUIET] = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no warnings" },
     [HELP] = { "--help", "[all]", FLAG_OR_WORD, &options.help_all, 0, 0, 0, "also -h; this text", help_words },
     [VERSION] = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version" }
@@ -40,16 +39,17 @@ static void print_help(void) {
     static const tool_line lines[] = {
         { TOOL_HEADING, "Options:" }, { OUTPUT, "" }, { EXPOSURE, "" }, { QUIET, "" }, { HELP, "" }, { VERSION, "" }
     };
-    printf("usage: sbl_merge PART... -o FILE [options]\n\n"
-           "Joins the parts of a picture (sbl_render --part K/N or --window) or of a bake (sbl_bake --part K/N with\n"
-           "--probes or --vertices; sbl_bake --join joins lightmaps). A PART is a file, or a folder that holds the\n"
-           "parts: all its .exr files for a picture; all its .json or .ply files, as the output, for a bake. The\n"
-           "joined file of a bake is, to the byte, that of a bake in one piece. It is an error if a part is missing,\n"
-           "given twice or incomplete, or comes from another scene, other options or another version; the message\n"
-           "names the part. Needs little memory, whatever the size of the parts.\n");
+    tool_print_text("usage: sbl_merge PART... -o FILE [options]\n"
+                    "\n"
+                    "Joins the parts of a picture (sbl_render --part K/N or --window) or of a bake (sbl_bake --part "
+                    "K/N with --probes or --vertices; sbl_bake --join joins lightmaps). A PART is a file, or a folder "
+                    "that holds the parts. For a picture, all .exr files of the folder are parts; for a bake, all "
+                    "files with the ending of the output (.json or .ply). The joined file of a bake is byte-identical "
+                    "to that of a bake without --part. It is an error if a part is missing, given twice or "
+                    "incomplete, or comes from another scene, other options or another version; the message names the "
+                    "part. sbl_merge needs little memory, even for large parts.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), 1);
-    printf("\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
-           "143\n(SIGTERM), 129 (SIGHUP).\n");
+    tool_print_text("\n" TOOL_STATUS_WORDS);
 }
 
 static int ends_with(const char *path, const char *ending) {

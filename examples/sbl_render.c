@@ -56,84 +56,77 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal "
-                  "|\n"
-                  "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
-                  "light in\n"
-                  "the cells of the store) | error (predicted standard error of the luminance of final where there "
-                  "are\n"
-                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (always "
-                  "that of\n"
-                  "R) | display (final with exposure and --tone, as in a .png of final) |\n"
-                  "looks (how often each sensor measured) | specular (mean radiance in the lobe of a reflection) |\n"
-                  "specular_albedo (final contains specular times specular_albedo)",
+                  "final             the default: the finished picture\n"
+                  "radiance          R: irradiance / pi, light without surface colour\n"
+                  "albedo            surface colour; where there are reflections, that of the diffuse part\n"
+                  "normal            in world space\n"
+                  "position          in world space\n"
+                  "id                a number for each mesh\n"
+                  "depth             distance along the view axis\n"
+                  "sensors           which pixels had a sensor, and at which level\n"
+                  "looks             how often each sensor measured\n"
+                  "store             bounced light in the cells of the store\n"
+                  "error             predicted standard error of the luminance of final where there are reflections, "
+                  "otherwise of R; a .png shows it 5 stops brighter\n"
+                  "radiance_error    the same, always of R\n"
+                  "display           final with exposure and --tone, as in a .png of final\n"
+                  "specular          mean radiance in the lobe of a reflection\n"
+                  "specular_albedo   final contains specular times specular_albedo",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                       "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
-                       "the\n"
-                       "mean of R; where there are reflections, of final without emission instead of R; default by "
-                       "preset:\n"
-                       "5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. If E is given, a sensor may "
-                       "use up to\n"
-                       "16 times as many rays, and a small E takes long",
+                       "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided "
+                       "by the mean of R. Where surfaces reflect, the error is that of final without emission. "
+                       "Default by preset: 5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. If E is "
+                       "given, a sensor may use up to 16 times as many rays, and a small E takes long",
                        .synonym = "--error" },
     [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
                      "field of view of a sensor, mode paper only; default 135" },
     [FACET_LIMIT] = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                      "triangles of at most this height on the screen are lit with their geometric normals, larger "
-                      "triangles with\n"
-                      "the normals of the file; default 2" },
+                      "triangles of at most this height on the screen use geometric normals; those of at least twice "
+                      "this height use the normals of the file; triangles in between use a mixture. Default 2" },
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
                   "anti-aliasing samples per pixel of channel final; default 1, 4, 16 by preset" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "brightness of channels final, radiance, store and error in a .png: each stop doubles it; default "
-                   "auto:\n"
-                   "the mean light is shown like a white surface of radiance 0.7, if highlights permit",
+                   "brightness of channels final, radiance, store and error in a .png: each stop doubles it. Default "
+                   "auto: the mean light is shown like a white surface of radiance 0.7, if highlights permit",
                    exposure_words },
     [TONE] = { "--tone", "NAME", CHOICE, &options.tone, 0, 0, 0,
                "how channel final in a .png shows light that is too bright for a screen: neutral (default; keeps "
-               "colours,\n"
-               "compresses highlights) | agx (a soft filmic curve) | none (everything above 1 is white)",
+               "colours, compresses highlights) | agx (a soft filmic curve) | none (everything above 1 is white)",
                tone_words },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
-                  "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
-                  "its sums; 0,0 is the upper left pixel (of the --window)" },
+                  "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints its "
+                  "sums; 0,0 is the upper left pixel (of the --window)" },
     [WINDOW] = { "--window", "X,Y,W,H", INTEGERS, options.window, 4, 0, 16384,
-                 "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. Parts "
-                 "fit\n"
-                 "together; in mode gi, give all the same --store. A small preview of the complete picture is made\n"
-                 "first, for the exposure and for the mean of --target-error. A .exr file stores the position of "
-                 "the part (data window)\n"
-                 "and the size of the complete picture" },
+                 "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. Windows "
+                 "of one picture fit together. In mode gi, give the same --store FILE for all windows. A small "
+                 "preview of the complete picture is made first, for the exposure and for the mean of --target-error. "
+                 "A .exr file stores the position of the part (data window) and the size of the complete picture" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
-               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is "
-               "an .exr\n"
-               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small preview of the complete\n"
-               "picture is made first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
+               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is an "
+               ".exr file; sbl_merge joins the parts. Unless the file of --plan exists, a small preview of the "
+               "complete picture is made first. With --cameras or --frames, see --frames.\n"
+               PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "FILE holds the windows of all parts, and the mean, the price and the exposure of the complete "
-               "picture. If it\n"
-               "exists, it is loaded; otherwise it is made. Needs --part. Parts that are made with different "
-               "graphics drivers must\n"
+               "FILE holds the windows of all parts, and the mean, the exposure and the price (the least benefit that "
+               "a measurement must have; see ON PARTS in sbl.h) of the complete picture. If FILE exists, it is "
+               "loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers must "
                "share one FILE" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "continues a picture that an interrupted run was making window by window, because it is larger "
-                 "than 4096 x 4096\n"
-                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is "
-                 "removed\n"
-                 "at the end; while it exists, a run without --resume is refused" },
+                 "continues an interrupted picture that is made window by window. A picture is made window by window "
+                 "if it has more than 4096 x 4096 pixels or needs more than --memory. Finished windows are in the "
+                 "folder OUTPUT.parts, which is removed at the end; while it exists, a run without --resume is "
+                 "refused" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
-                 "soft sun\n"
-                 "from the upper left, with a grey ground under an object. A room that is looked at from inside gets a "
-                 "lamp\n"
-                 "inside instead. Files without any light get this by themselves, unless --sky or --mode paper is "
-                 "given" },
+                 "soft sun from the upper left, with a grey ground under an object. A room that is looked at from "
+                 "inside gets a lamp inside instead. Files without any light get this by default, unless --sky or "
+                 "--mode paper is given" },
 };
 static int given[OPTION_COUNT];
 
 static const tool_line lines[] = {
-    { TOOL_HEADING, "What:" },
+    { TOOL_HEADING, "Task:" },
     { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
     { MODE, "gi (default, with bounces), direct, ambient or paper" },
     { INSPECT, NULL }, { WINDOW, NULL },
@@ -143,7 +136,7 @@ static const tool_line lines[] = {
     CAMERA_LINES,
     FRAMES_LINES,
     { TOOL_HEADING, "Light:" },
-    LIGHT_LINES, { STUDIO, "lights the scene as a photographer's studio does" },
+    LIGHT_LINES, { STUDIO, "replaces the lights of the file by a studio's light" },
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error, such as 2%; a smaller one takes longer" },
     { SAMPLES, "anti-aliasing samples per pixel" },
@@ -151,7 +144,7 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "Output:" },
     { OUTPUT, "also -o; .png, .pfm or .exr; default sbl.png" },
     { EXPOSURE, "+1 makes a .png twice as bright; default auto" },
-    { TONE, "curve of a .png: neutral (default), agx or none" },
+    { TONE, "tone curve of a .png: neutral (default), agx or none" },
     OUTPUT_LINES,
     { RESUME, NULL },
     { TOOL_HEADING, "Safety:" },
@@ -163,38 +156,30 @@ static void print_help(void) {
            "Renders a scene file: .obj .gltf .glb, and others that assimp reads (.fbx, ...).\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
     if (!common.help_all) return;
-    printf(
-        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d; glTF base colour, emission with "
-        "KHR_materials_emissive_strength,\n"
+    tool_print_text(
+        "\n"
+        "Materials: OBJ Kd map_Kd Ke map_Ke d map_d; glTF base colour, emission with KHR_materials_emissive_strength, "
         "alphaMode MASK and BLEND (if all materials are matte, opacity below 0.5 is cut out, also in OBJ). Metal, "
-        "gloss\n"
-        "and panes: glTF metallicFactor, roughnessFactor, metallicRoughnessTexture, KHR_materials_ior,\n"
+        "gloss and panes: glTF metallicFactor, roughnessFactor, metallicRoughnessTexture, KHR_materials_ior, "
         "KHR_materials_transmission; OBJ Ns, Ks, Ni, illum, d, Tf; see --materials. Normal maps: glTF normalTexture "
-        "with\n"
-        "its scale; OBJ norm.\n"
-        "Surfaces emit on both sides.\n"
+        "with its scale; OBJ norm. Surfaces emit on both sides.\n"
+        "\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
-        "and\n"
-        "the point, spot and directional lights of other formats. Lights that Blender exported as glTF are divided by "
-        "683,\n"
-        "because emission is not multiplied by that; see --light-scale.\n"
+        "and the point, spot and directional lights of other formats. Blender's glTF exporter multiplies lights by "
+        "683, but not emission; such lights are divided by 683; see --light-scale.\n"
+        "\n"
         "Colours in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible bounds, a small "
-        "depth as\n"
-        "bright, an id as an arbitrary colour, sensors from blue (first level) through green and yellow to red (last\n"
-        "level). A .pfm or .exr contains the values unchanged.\n"
-        "\nA file is written completely or not at all: at the end, a temporary file replaces the old file and takes "
-        "its\n"
+        "depth as bright, an id as an arbitrary colour, sensors from blue (first level) through green and yellow to "
+        "red (last level). A .pfm or .exr contains the values unchanged.\n"
+        "\n"
+        "A file is written completely or not at all: at the end, a temporary file replaces the old file and takes its "
         "permissions. If FILE is a symbolic link, the file that it refers to is replaced. Other hard links of the old "
-        "file\n"
-        "keep the old contents. Input files are never overwritten.\n"
-        "\nIf you press Ctrl-C, the unfinished picture is saved beside the output, as NAME.partial.png (.pfm, .exr), "
-        "and the\n"
-        "program ends. If nothing can be shown yet, or with --cameras or --frames, it is not saved. A second Ctrl-C\n"
-        "ends the program at once, and so does the first one after 6 seconds in which the graphics driver does not\n"
-        "return. The signals SIGTERM and SIGHUP do the same.\n"
-        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
-        "143\n"
-        "(SIGTERM), 129 (SIGHUP).\n");
+        "file keep the old contents. Input files are never overwritten.\n"
+        "\n"
+        "If you press Ctrl-C, the unfinished picture is saved beside the output, as NAME.partial.png (.pfm, .exr), "
+        "and the program ends. If nothing can be shown yet, or with --cameras or --frames, it is not saved. "
+        TOOL_SIGNALS_WORDS "\n"
+        TOOL_STATUS_WORDS);
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }

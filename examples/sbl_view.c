@@ -46,13 +46,12 @@ static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
-                 "also -o; where the key S saves the picture: .png (8-bit sRGB, as the window shows it), .pfm or .exr "
-                 "(linear\n"
-                 "32-bit floats); default: the first of sbl_view_1.png, sbl_view_2.png, ... that does not exist" },
+                 "also -o; the file that the key S writes: .png (8-bit sRGB, as the window shows it), .pfm or .exr "
+                 "(linear 32-bit floats); default: the first of sbl_view_1.png, sbl_view_2.png, ... that does not "
+                 "exist" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                  "what the window shows first: final (default) | radiance | albedo | normal | position | depth | id | "
-                  "sensors |\n"
-                  "store | error | specular | specular_albedo; see sbl_render --help all", channel_words },
+                  "what the window shows first: final (default) | radiance | albedo | normal | position | depth | id "
+                  "| sensors | store | error | specular | specular_albedo; see sbl_render --help all", channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02, as in sbl_render; default 5%, 1.5%, 0.75% by preset",
                        .synonym = "--error" },
@@ -65,72 +64,76 @@ static const tool_option table[OPTION_COUNT] = {
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file by a studio, as in sbl_render" },
     [ONCE] = { "--once", NULL, FLAG, NULL, 0, 0, 0,
-               "saves the picture when it is finished, and ends" },
+               "saves the finished picture, then exits" },
     [HISTOGRAM] = { "--step-histogram", "FILE", TEXT, &options.histogram, 0, 0, 0,
                     "writes as JSON how long the calls of sbl_step took: percentiles and histograms of the wall time, "
-                    "of the wall\n"
-                    "time of steps during which the machine did not take the processor away, and of the processor time "
-                    "of this\n"
-                    "thread and of the process; and the slowest steps, with the number of GL programs that they "
-                    "compiled" },
+                    "of the wall time of steps during which the machine did not take the processor away, and of the "
+                    "processor time of this thread and of the process; and the slowest steps, with the number of GL "
+                    "programs that they compiled" },
 };
 static int given[OPTION_COUNT];
 
 static const tool_line lines[] = {
-    { TOOL_HEADING, "What:" },
+    { TOOL_HEADING, "Task:" },
     { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
     { MODE, "gi (default, with bounces), direct, ambient or paper" },
     { TOOL_HEADING, "Camera:" },
     CAMERA_LINES,
     { TOOL_HEADING, "Light:" },
-    LIGHT_LINES, { STUDIO, "lights the scene as a photographer's studio does" },
+    LIGHT_LINES, { STUDIO, "replaces the lights of the file by a studio's light" },
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error, such as 2%; a smaller one takes longer" },
     { SAMPLES, "anti-aliasing samples per pixel" },
     QUALITY_LINES,
     { TOOL_HEADING, "Output:" },
-    { OUTPUT, "also -o; where the key S saves the picture" },
+    { OUTPUT, "also -o; the file that the key S writes" },
     { EXPOSURE, "+1 makes the picture twice as bright; default auto" },
-    { TONE, "neutral (default), agx or none" },
-    { ONCE, "saves the finished picture, and ends" },
-    { HISTOGRAM, "writes how long calls of sbl_step took, as JSON" },
+    { TONE, "tone curve: neutral (default), agx or none" },
+    { ONCE, "saves the finished picture, then exits" },
+    { HISTOGRAM, "writes the durations of sbl_step calls as JSON" },
     OUTPUT_LINES,
     { TOOL_HEADING, "Safety:" },
     SAFETY_LINES
 };
 
 static const char keys[] =
-    "  drag left                 turns the camera about the point below the mouse\n"
-    "  drag right                looks around; with W A S D Q E: flies (Shift: four times as fast)\n"
-    "  drag middle, wheel        moves the camera sideways, forward and back\n"
-    "  arrows, Page Up, Down     fly, too; Home returns to the first camera\n"
-    "  click                     shows the rays, lamps and sums of the sensor of a pixel; Backspace removes them\n"
-    "  1 to 9, 0, [ and ]        channels: final, radiance, albedo, normal, position, depth, id, sensors, store, "
-    "error\n"
-    "  + and -, X                exposure: brighter, darker, auto\n"
-    "  T                         tone: none, neutral, agx\n"
-    "  M                         mode: all light, or direct light only\n"
-    "  L                         selects the next light; then drag it, or move it by arrows and Page Up, Down;\n"
-    "                            comma and point halve and double it\n"
-    "  R                         makes the picture again\n"
-    "  C                         prints the camera as options of sbl_render\n"
-    "  S                         saves the picture, and prints the name of the file\n"
-    "  H or ?                    prints these keys\n"
-    "  Esc                       ends\n";
+    "  drag left              turns the camera about the point below the mouse\n"
+    "  drag right             looks around; with W A S D Q E: flies (Shift: four times as fast)\n"
+    "  drag middle, wheel     moves the camera sideways, forward and back\n"
+    "  arrows, Page Up/Down   fly, too; Home returns to the first camera\n"
+    "  click                  shows the rays, lamps and sums of the sensor of a pixel; Backspace removes them\n"
+    "  1 to 9, 0, [ and ]     channels: final, radiance, albedo, normal, position, depth, id, sensors, store, error\n"
+    "  + and -, X             exposure: brighter, darker, auto\n"
+    "  T                      tone: none, neutral, agx\n"
+    "  M                      mode: all light, or direct light only\n"
+    "  L                      selects the next light; then drag it, or move it by arrows and Page Up/Down; comma "
+    "halves its brightness, period doubles it\n"
+    "  R                      makes the picture again\n"
+    "  C                      prints the camera as options of sbl_render\n"
+    "  S                      saves the picture, and prints the name of the file\n"
+    "  H or ?                 prints these keys\n"
+    "  Esc                    ends\n";
 
 static void print_help(void) {
     printf("usage: sbl_view SCENE [options]\n\n"
-           "Shows a scene file in a window: .obj .gltf .glb, and others that assimp reads (.fbx, ...).\n");
+           "Shows a scene (.obj .gltf .glb .fbx ...) in a window. The key H prints the keys.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
-    if (!common.help_all) { printf("The key H prints the keys.\n"); return; }
-    printf("\nWhile the camera or a light moves, the window shows small pictures of direct light, or of all light once "
-           "the\nbounced light is known. When it rests, the picture is made with the options above. Two bars at the "
-           "lower edge\nshow the progress (yellow) and the target error divided by the predicted error (blue).\n"
-           "\nKeys and mouse:\n%s\n"
-           "Scenes, materials, lights and units: see sbl_render --help all. A saved .png is what the window shows, "
-           "without\nlines and bars. With the first exposure and tone it is the picture that sbl_render makes.\n"
-           "\nExit status: 0 success; 1 failure (also: no display), with one line on stderr; 2 wrong usage; after a "
-           "signal:\n130 (Ctrl-C), 143 (SIGTERM), 129 (SIGHUP).\n", keys);
+    if (!common.help_all) return;
+    tool_print_text("\n"
+                    "While the camera or a light moves, the window shows small pictures of direct light, or of all "
+                    "light once the bounced light is known. When it rests, the picture is made with the options "
+                    "above. Two bars at the lower edge show the progress (yellow) and the target error divided by the "
+                    "predicted error (blue).\n"
+                    "\n"
+                    "Keys and mouse:\n");
+    tool_print_text(keys);
+    tool_print_text("\n"
+                    "Scenes, materials, lights and units: see sbl_render --help all. A saved .png is what the window "
+                    "shows, without lines and bars. Unless you change exposure or tone with keys, it equals the .png "
+                    "of sbl_render.\n"
+                    "\n"
+                    "Exit status: 0 success; 1 failure (also: no display), with one line on stderr; 2 wrong usage; "
+                    "after a signal: 130 (Ctrl-C), 143 (SIGTERM), 129 (SIGHUP).\n");
 }
 
 static int parse(int argc, char **argv) {

@@ -21,14 +21,12 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                         "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
                         "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the " \
-                            "file, or one\n" \
-                        "that fits the scene: in front of an object, in front of the open side of a room, or inside " \
-                            "a room;\n" \
-                        "--verbose shows it", NULL, NULL }
+                        "file, or one that fits the scene: in front of an object, in front of the open side of a " \
+                        "room, or inside a room; --verbose shows it", NULL, NULL }
 
 #define CAMERA_LINES \
     { SIZE, "width and height in pixels; default 640x480" }, \
-    { EYE, "position; default: from the file, or chosen" }, \
+    { EYE, "position; default: as in the file, else automatic" }, \
     { LOOK_AT, "the point that the camera looks at" }, \
     { UP, "the direction that is up in the picture" }, \
     { FOV, "vertical field of view" }

@@ -41,31 +41,23 @@ enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
 #define FRAMES_ROWS \
     [CAMERAS]       = { "--cameras", "FILE", TEXT, &frames.file, 0, 0, 0, \
                         "makes a picture for each camera that FILE lists. FILE is JSON: {\"cameras\": [{\"eye\": " \
-                            "[X, Y, Z],\n" \
-                        "\"look_at\": [X, Y, Z], \"up\": [X, Y, Z], \"fov\": DEGREES}, ...]}. Without up or fov, a " \
-                            "camera has that of\n" \
-                        "--up or --fov, or their default. \"camera_to_world\": [16 numbers, column by column, as in " \
-                            "glTF] may\n" \
-                        "take the place of eye, look_at and up. The --output needs %d or %04d, which becomes the " \
-                            "number of the\n" \
-                        "frame; the first camera is frame 1. All frames have the automatic exposure and the light " \
-                            "of a studio\n" \
-                        "that frame 1 has", NULL, NULL }, \
+                        "[X, Y, Z], \"look_at\": [X, Y, Z], \"up\": [X, Y, Z], \"fov\": DEGREES}, ...]}. If up or " \
+                        "fov is missing, --up or --fov applies, or its default. \"camera_to_world\": [16 numbers, " \
+                        "column by column, as in glTF] may take the place of eye, look_at and up. The --output " \
+                        "needs %d or %04d, which becomes the number of the frame; the first camera is frame 1. All " \
+                        "frames use the automatic exposure and the studio light of frame 1", NULL, NULL }, \
     [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \
-                        "makes only frames A to B, or frame A, of --cameras. Without --cameras, the camera of a " \
-                            ".gltf or .glb\n" \
-                        "file must be animated, with LINEAR or STEP keys; frame 1 is at time 0. Only the camera " \
-                            "moves. With\n" \
-                        "--part K/N, a run makes the K-th of N shares of the frames. --stats writes the sums over " \
-                            "all frames.\n" \
-                        "After Ctrl-C, finished frames stay, and the unfinished one is not saved. --resume goes on " \
-                            "with the windows\n" \
-                        "of a frame, and refuses frames whose files exist", NULL, NULL }, \
+                        "makes only frames A to B, or frame A. The cameras come from --cameras, or from the " \
+                        "animated camera of a .gltf or .glb file (LINEAR or STEP keys); frame 1 is at time 0. Only " \
+                        "the camera moves. With --part K/N, a run makes the K-th of N shares of the frames. --stats " \
+                        "writes the sums over all frames. After Ctrl-C, finished frames stay, and the unfinished " \
+                        "one is not saved. --resume continues the unfinished windows of a frame; it refuses a frame " \
+                        "that already has its output file and no folder of windows", NULL, NULL }, \
     [FPS]           = { "--fps", "N", NUMBERS, &frames.rate, 1, 0.001, 1000, \
                         "frames per second of an animated camera; default 24", NULL, NULL }
 
 #define FRAMES_LINES \
-    { CAMERAS, "a picture for each camera of FILE; see also --frames" }, \
+    { CAMERAS, "a picture for each camera in FILE; see --help all" }, \
     { FRAMES, NULL }, { FPS, NULL }
 
 static void frames_free(void) {

@@ -28,7 +28,7 @@ typedef struct tool_option {
     void *value;
     int count;                  /* how many numbers, up to TOOL_NUMBERS; or how often a text may be given */
     double low, high;           /* range of each number */
-    const char *help;           /* lines, separated by line breaks */
+    const char *help;           /* text for --help all, see tool_print_text */
     const char *const *words;   /* for CHOICE and FLAG_OR_WORD: the words, followed by NULL. For numbers: NULL, or one
                                    word and NULL; the word may replace the number, whose value is then NAN, or 0 for
                                    integers */
@@ -44,7 +44,7 @@ typedef struct tool_line {
                                    only --help all shows the option */
 } tool_line;
 
-enum { TOOL_HEADING = -1 };
+enum { TOOL_HEADING = -1, TOOL_COLUMNS = 80, TOOL_COLUMN = 26 };  /* width of help texts; where explanations begin */
 
 typedef struct tool_command {
     int argc;
@@ -56,17 +56,55 @@ typedef struct tool_command {
     int file_count;             /* greatest number of arguments in files */
 } tool_command;
 
-/* Prints an option and its help text of one or more lines. */
-static void tool__print_option(const tool_option *o, const char *help, int synonym) {
-    const char *gap = o->argument ? " " : "", *argument = o->argument ? o->argument : "", *line;
-    int width = printf("  %s%s%s", o->name, gap, argument);
-    if (synonym && o->synonym) width += printf(", %s%s%s", o->synonym, gap, argument);
-    if (width > 24) width = 0 * printf("\n");
-    for (line = help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
-        printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
-        width = 0;
+/* Returns in which column a wrapped line of a text continues: in a list, where the explanation of the item begins,
+   after three or more spaces; otherwise where the line begins. */
+static int tool__indent(const char *line) {
+    const int begin = (int)strspn(line, " ");
+    const char *gap = strstr(line + begin, "   ");
+    return gap && gap < line + strcspn(line, "\n") ? (int)(gap - line) + (int)strspn(gap, " ") : begin;
+}
+
+/* Prints a text from a column on, in lines of at most TOOL_COLUMNS columns. Each line break in the text begins a line;
+   longer lines are wrapped at spaces. at: the column that the output has reached */
+static void tool__print_text(const char *text, int column, int at) {
+    while (*text) {
+        const int indent = column + tool__indent(text);
+        if (*text != '\n') at += printf("%*s", column - at, "");
+        while (*text && *text != '\n') {
+            int gap = (int)strspn(text, " ");
+            const int word = (int)strcspn(text + gap, " \n");
+            if (at + gap + word > TOOL_COLUMNS && at > indent) {
+                at = printf("\n%*s", indent, "") - 1;
+                text += gap;
+                gap = 0;
+            }
+            at += printf("%.*s", gap + word, text);
+            text += gap + word;
+        }
+        text += *text == '\n';
+        at = 0 * printf("\n");
     }
 }
+
+/* Prints a text of one or more lines in lines of at most TOOL_COLUMNS columns, see tool__indent. */
+static void tool_print_text(const char *text) { tool__print_text(text, 0, 0); }
+
+/* Prints an option and its help text. */
+static void tool__print_option(const tool_option *o, const char *help, int synonym) {
+    const char *gap = o->argument ? " " : "", *argument = o->argument ? o->argument : "";
+    int width = printf("  %s%s%s", o->name, gap, argument);
+    if (synonym && o->synonym) width += printf(", %s%s%s", o->synonym, gap, argument);
+    if (width > TOOL_COLUMN - 2) width = 0 * printf("\n");
+    tool__print_text(help, TOOL_COLUMN, width);
+}
+
+/* Texts of the tools that draw or bake. */
+#define TOOL_SIGNALS_WORDS \
+    "A second Ctrl-C ends the program at once. If the graphics driver does not return within 6 seconds after the " \
+    "first one, the program ends, too. SIGTERM and SIGHUP act like Ctrl-C.\n"
+#define TOOL_STATUS_WORDS \
+    "Exit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), 143 " \
+    "(SIGTERM), 129 (SIGHUP).\n"
 
 /* Prints the options in groups. all: 1: every option with its complete text; 0: the short lines */
 static void tool_print_help(const tool_option *table, int option_count, const tool_line *lines, int line_count,

@@ -30,8 +30,8 @@ static void plan_options(char *out, size_t size, const tool_option *table, int c
 
 /* The help text of --part about auto/N and about %d in --output. */
 #define PLAN_AUTO_WORDS \
-    "auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n" \
-    "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). In the name of --output, %d becomes K, and\n" \
+    "--part auto/N: K comes from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from " \
+    "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). In the name of --output, %d becomes K, and " \
     "%04d becomes K with 4 digits"
 
 /* Environment variables in which job schedulers pass the number of a part, and the number of the first part there. */

@@ -139,15 +139,14 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of the sky, default 0,0,0; for files without any light, sbl_render has a " \
-                            "studio (see\n" \
-                        "--studio), and the other tools have a sky of 1,1,1. Behind files with light, a .png of " \
-                            "sbl_render shows\n" \
-                        "a grey backdrop that lights nothing, unless --sky is given.\n" \
-                        "FILE: equirectangular picture of the sky: .hdr, or .png, .jpg, ..., which are decoded from " \
-                            "sRGB. The upper\n" \
-                        "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture, \
-                        .file_words = "a picture file such as noon.hdr" }, \
+                        "constant radiance of the sky; default 0,0,0. Default for a file without any light: " \
+                        TOOL__PAPER("the light of --studio, or with --mode paper a sky of ") "1,1,1." \
+                        TOOL__PAPER(" If the file has light, and neither --sky nor --studio is given, screens (a " \
+                                    ".png, channel display, and sbl_view) show a grey backdrop, which lights " \
+                                    "nothing.") \
+                        "\nFILE: equirectangular picture of the sky: .hdr, or .png, .jpg, ..., which are decoded " \
+                        "from sRGB. The upper edge of the picture is straight up, its centre is +x", NULL, \
+                        &common.sky_picture, .file_words = "a picture file such as noon.hdr" }, \
     [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, \
                         "rotates the sky picture counter-clockwise, seen from above; default 0", NULL, NULL }, \
     [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, \
@@ -155,59 +154,54 @@ enum {
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
     [LIGHT_SCALE]   = { "--light-scale", "F", NUMBERS, &common.light_scale, 1, 0, 1e30, \
-                        "multiplies the lights of the file (not emission, not the sky); default 1; in glTF from " \
-                            "Blender 1/683,\n" \
-                        "which makes them fit emission (see Units in examples/README.md)", NULL, NULL }, \
+                        "multiplies the lights of the file, but not emission and not the sky. Default 1, but for " \
+                        "glTF from Blender the factor that makes lights fit emission, which is 1/683 in most cases " \
+                        "(see Units in examples/README.md)", NULL, NULL }, \
     [MATERIALS]     = { "--materials", "NAME", CHOICE, &common.reading.matte, 0, 0, 0, \
-                        "file      the default: metal, gloss, panes and normal maps as in the file (see Metal and " \
-                            "gloss in\n" \
-                        "          examples/README.md)\n" \
-                        "matte     all surfaces are matte, opaque and without normal maps; metal has its base colour", \
-                        materials_words, NULL }, \
+                        "file      the default: metal, gloss, transparent surfaces (thin panes) and normal maps " \
+                        "as in the file (see Metal and gloss in examples/README.md)\n" \
+                        "matte     all surfaces are matte, opaque and without normal maps; metal has its base " \
+                        "colour", materials_words, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
-                            "all bounces\n" \
+                        "all bounces\n" \
                         "direct    emitters, lights and sky only\n" \
                         "ambient   direct light, and surfaces that do not emit have the radiance epsilon * albedo" \
                         TOOL__PAPER("\npaper     the method of the paper, with one view of 135 degrees"), \
                             mode_words, NULL }, \
     [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
                         "draft | default | high (default: default). Where this text says \"by preset\", the three " \
-                            "values are\n" \
-                        "those of draft, default and high", preset_words, NULL }, \
+                        "values are those of draft, default and high", preset_words, NULL }, \
     [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
-                        "how sensors measure: auto (default: trace" TOOL__PAPER(", but raster in mode paper") ") | " \
-                            "raster (draw\n" \
-                        "views) | trace (trace rays)", backend_words, NULL }, \
+                        "how sensors measure: auto (default: trace" TOOL__PAPER(", but raster in mode paper") \
+                        ") | raster (draw views) | trace (trace rays)", backend_words, NULL }, \
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, TOOL_RAYS_MAX, \
                         "traces exactly this many rays for each sensor; the target error then decides only where " \
-                            "sensors are\n" \
-                        "placed. Default: as many as the target error requires" \
-                        TOOL__BAKE(". For light at vertices: the rays\n" \
-                        "of each point on a triangle; default 16, 64, 256 by preset. For probes: the rays of a " \
-                            "probe, in all\n" \
-                        "directions, at least 64; default 1024, 4096, 16384 by preset"), NULL, NULL }, \
+                        "sensors are placed. Default: as many as the target error requires" \
+                        TOOL__BAKE(". For light at vertices: the rays of each point on a triangle; default 16, 64, " \
+                                   "256 by preset. For probes: the rays of a probe, in all directions, at least 64; " \
+                                   "default 1024, 4096, 16384 by preset"), NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
-                            "memory;\n" \
-                        "default 1.5 per triangle, but 49152 at least and 196608 at most. Use more if light comes\n" \
-                            "through gaps, or if geometry is fine", \
+                        "memory. Default: 1.5 per triangle, limited to 49152..196608. Use more if light comes " \
+                        "through gaps, or if geometry is fine. --bounce-samples is a synonym", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
-                        "ambient factor in mode" TOOL__PAPER("s paper and") " ambient; default 0.02", NULL, NULL }, \
+                        "the epsilon of mode" TOOL__PAPER("s paper and") \
+                        " ambient: surfaces that do not emit have the radiance epsilon * albedo; default 0.02", \
+                        NULL, NULL }, \
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
                         "texels across one view of a rasterised sensor; default 32, 64, 128 by preset" \
                         TOOL__BAKE(", of probes 8, 16, 32"), NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
                         "size of the first tiles in " TOOL__PIXEL "s: sensors are placed at their corners; 1 places " \
-                            "a sensor at every\n" \
-                        TOOL__PIXEL "; default 16" TOOL__BAKE(". --supersample K makes this unit K times as small"), \
+                        "a sensor at every " TOOL__PIXEL "; default 16" \
+                        TOOL__BAKE(". --supersample K makes this unit K times as small"), \
                         NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
                         "subdivides tiles where neighbouring sensors differ by more than this fraction of their " \
-                            "mean, instead of\n" \
-                        "where the predicted error is large" TOOL__PAPER("; in mode paper a difference of radiance, " \
-                            "default 0.05"), \
+                        "mean, instead of where the predicted error is large" \
+                        TOOL__PAPER(". In mode paper, T is an absolute difference of radiance; default 0.05"), \
                         NULL, NULL }, \
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
                         "radius of the Gaussian filter in " TOOL__PIXEL "s; 0 turns it off; default 2" \
@@ -216,57 +210,50 @@ enum {
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
                         "loads the bounced light from FILE; if FILE does not exist or is empty, computes the light " \
-                            "and writes it\n" \
-                        "there. Light of another scene, or of this scene with other materials, lights or sky, is " \
-                            "refused. Light\n" \
-                        "that was made with a smaller --max-bounce-cells is used, with a warning; mode gi only", \
+                        "and writes it there. Light of another scene, or of this scene with other materials, lights " \
+                        "or sky, is refused. Light that was made with a smaller --max-bounce-cells is used, with a " \
+                        "warning; mode gi only", \
                         NULL, NULL }, \
     [STORE_REPLACE] = { "--store-replace", NULL, FLAG, NULL, 0, 0, 0, \
-                        "with --store: where FILE holds light of another scene, or light that was made with a " \
-                            "smaller\n" \
+                        "with --store: if FILE holds light of another scene, or light that was made with a smaller " \
                         "--max-bounce-cells, computes the light and replaces FILE at the end. A file that holds no " \
-                            "stored light is\n" \
-                        "never replaced", NULL, NULL }, \
+                        "stored light is never replaced", NULL, NULL }, \
     [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
                         "writes counts, times in seconds (total: from start to result) and peak memory as JSON", \
                         NULL, NULL }, \
     [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
                         "allows the scene to refer to files below DIR, in addition to its own folder; can be given " \
-                            "several\n" \
-                        "times", NULL, NULL }, \
+                        "several times", NULL, NULL }, \
     [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), \
         1024.0 * (1 << 30) * 1024, \
-                        "limit on the memory for the scene and for a picture, such as 512M or 4G; default: half of " \
-                            "the memory of\n" \
-                        "the machine or of the control group; never more than half of what ulimit -v leaves. A scene " \
-                            "that\n" \
-                        "needs more is refused; a picture that needs more is made window by window", NULL, NULL }, \
+                        "limit on the memory for the scene and for a picture, such as 512M or 4G. Default: half of " \
+                        "the memory of the machine or of the control group, but never more than half of what ulimit " \
+                        "-v leaves. A scene that needs more is refused; a picture that needs more is made window by " \
+                        "window", NULL, NULL }, \
     [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, \
                         "limit on the time for reading the scene; default 60", NULL, NULL }, \
     [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no progress bar and no warnings", NULL, NULL }, \
     [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, \
-                        "prints what was found and chosen, one line each: the lights, the camera of a picture, mode, " \
-                            "target\n" \
-                        "error, size, back end, the OpenGL renderer, and how the kernel restricts the process that " \
-                            "reads files", NULL, NULL }, \
+                        "prints what was found and chosen, one line each: the lights, the camera of a picture, " \
+                        "mode, target error, size, back end, the OpenGL renderer, and how the kernel restricts the " \
+                        "process that reads files", NULL, NULL }, \
     [HELP]          = { "--help", "[all]", FLAG_OR_WORD, &common.help_all, 0, 0, 0, \
-                        "also -h; prints the options that are used most; --help all prints all options, and " \
-                            "explains files and\n" \
-                        "exit status", help_words, NULL }, \
+                        "also -h; prints the most common options; --help all prints all options, and explains files " \
+                        "and exit status", help_words, NULL }, \
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version", NULL, NULL }
 
 /* The lines of the help text that all tools share; see tool_line. */
 #define LIGHT_LINES \
     { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
-    { SKY_ROTATION, "rotates the picture of the sky" }, \
-    { SKY_SCALE, "multiplies the light of the picture of the sky" }, \
-    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file; not emission or sky" }, { MATERIALS, NULL }
+    { SKY_ROTATION, "rotates the sky picture" }, \
+    { SKY_SCALE, "multiplies the radiance of the sky picture" }, \
+    { SKY_UP, NULL }, { LIGHT_SCALE, "scales the lights of the file, but not emission or sky" }, { MATERIALS, NULL }
 #define QUALITY_LINES \
     { PRESET, "draft, default or high" }, \
     { BACKEND, NULL }, { RAYS, NULL }, { MAX_BOUNCE_CELLS, NULL }, { EPSILON, NULL }, { SENSOR_SIZE, NULL }, \
     { TILE, NULL }, { THRESHOLD, NULL }, { FILTER_RADIUS, NULL }, { SEED, NULL }
 #define OUTPUT_LINES \
-    { STORE, "loads the bounced light, or saves it for the next run" }, { STORE_REPLACE, NULL }, \
+    { STORE, "loads bounced light; if FILE is missing, writes it" }, { STORE_REPLACE, NULL }, \
     { STATS, "writes counts, times and memory as JSON" }, \
     { QUIET, "no progress bar and no warnings" }, \
     { VERBOSE, "prints what was found and chosen" }, \

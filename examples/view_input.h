@@ -214,7 +214,7 @@ static void on_character(GLFWwindow *window, unsigned character) {
             if (!finished()) tell("the picture is saved when it is finished");
             view.saves = 1;
             break;
-        case 'h': case 'H': case '?': printf("%s", keys); fflush(stdout); break;
+        case 'h': case 'H': case '?': tool_print_text(keys); fflush(stdout); break;
         default: break;
     }
 }

@@ -2310,12 +2310,13 @@ TEST(help_is_short_or_complete) {
         "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace",
         "--light-scale", "--materials", "--window", "--part", "--plan", "--resume"
     };
-    static const char *const groups[] = { "What:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
+    static const char *const groups[] = { "Task:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
     char all[sizeof ran.out];
     size_t i, k;
     TOOL("--help", "all");
     strcpy(all, ran.out);
     CHECK(ran.status == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+    CHECK(longest_line(all) <= 80, "--help all prints lines of up to %d characters", longest_line(all));
     for (i = 0; i < sizeof names / sizeof names[0]; i++)
         CHECK(strstr(ran.out, names[i]), "--help all does not mention %s", names[i]);
     CHECK(!strstr(ran.out, "Other:"), "an option is in no group: %s", strstr(ran.out, "Other:"));

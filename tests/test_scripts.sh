@@ -1,6 +1,6 @@
 #!/bin/sh
-# Tests of the scripts that other tests use. embed_shaders finds and repairs differences; scripts/test counts correctly;
-# the sanitizers work; mutants.txt fits the code.
+# Tests of the scripts that other tests use, and of all help texts. embed_shaders finds and repairs differences;
+# scripts/test counts correctly; the sanitizers work; mutants.txt fits the code.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -78,6 +78,19 @@ every_script_explains_itself() {
     done
 }
 check every_script_explains_itself every_script_explains_itself
+
+# help_fits TOOL LINES: --help and --help all have at most 80 columns, and --help has at most LINES lines.
+help_fits() {
+    "$1" --help > "$folder/help" < /dev/null && "$1" --help all > "$folder/help all" < /dev/null &&
+    [ "$(wc -l < "$folder/help")" -le "$2" ] &&
+    awk 'length > 80 { print FILENAME ": " $0; wide = 1 } END { exit wide }' "$folder/help" "$folder/help all"
+}
+for tool in sbl_render sbl_bake sbl_merge sbl_view host_lightmap; do
+    if [ -x build/$tool ]; then check "help_fits ($tool)" help_fits build/$tool 40
+    else skip "help_fits ($tool)" "build/$tool is missing; scripts/build $tool builds it"; fi
+done
+if command -v node > /dev/null; then check "help_fits (sbl_unwrap)" help_fits scripts/sbl_unwrap 80  # it has one text
+else skip "help_fits (sbl_unwrap)" "node is missing"; fi
 
 # >>scripts/test, in a repository of small fake tests
 

@@ -37,7 +37,7 @@ static char tool[1024], folder[64];
 
 static struct {
     int status; /* exit status, or minus the number of a signal */
-    char out[32768], err[16384];
+    char out[65536], err[16384];
     int out_lines, err_lines;
 } ran;
 
