@@ -2916,16 +2916,16 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_GLOW 4u
-#define SBL__LAMP_KIND_SHIFT 29
+#define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp */
 #define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
-#define SBL__PATCH_AXIS_SHIFT 2
+#define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
 #define SBL__PATCH_NEAR 16u        /* flag of a patch word: the cell is for rays shorter than 1 / NEAR_PART of the
                                       length of a level-0 cell */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
-#define SBL__PATCH_SHIFT 7
-#define SBL__NEAR_PART 2
+#define SBL__PATCH_SHIFT 7         /* the index of a patch word's patch is word >> this */
+#define SBL__NEAR_PART 2           /* see SBL__PATCH_NEAR */
 #define SBL__BUCKET_TRIES 64       /* maximum number of buckets that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: the reference leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* maximum number of cuts between a cell and a leaf */
@@ -2943,7 +2943,7 @@ typedef struct sbl__record {
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the index of the look's guide is which >> this */
 #define SBL__RESULTS_WIDTH 1024    /* width of the textures that hold the results of a job, in texels */
-#define SBL__HASH_FACTOR 0x9e3779b1u
+#define SBL__HASH_FACTOR 0x9e3779b1u  /* the hash grid of the store mixes bits with HASH_FACTOR and HASH_SHIFT */
 #define SBL__HASH_SHIFT 15
 
 #define SBL__UNBOUNDED 1e30f           /* stands for infinity: a ray's maximum length, or its distance without a hit */
@@ -3444,7 +3444,7 @@ enum {
     SBL__GROUPS = 15 << 17      /* mask of the bits that hold the number of light groups */
 };
 
-#define SBL__SHADERS_MOST 15
+#define SBL__SHADERS_MOST 15  /* maximum number of files, and of records, of a recipe */
 
 typedef struct sbl__recipe {
     const char *name;
@@ -4860,7 +4860,7 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
    values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices and triangles. A
    side is an edge of one triangle; its index is 3 * triangle + the corner, 0 to 2, at which it begins. */
 
-#define SBL__NONE UINT32_MAX
+#define SBL__NONE UINT32_MAX  /* instead of an index: there is none */
 
 /* A hash table of integers, with linear probing. Integers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
@@ -4965,7 +4965,7 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
    things that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The value
    of a thing is computed from its neighbours in earlier rings. */
 
-#define SBL__RING_WAITS (-1)
+#define SBL__RING_WAITS (-1)  /* instead of a ring: it is not known yet */
 
 typedef struct sbl__rings {
     sbl__stages stages;
@@ -9023,7 +9023,7 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
     return d;
 }
 
-#define SBL__VERTICES_SMOOTHEST 1e6f
+#define SBL__VERTICES_SMOOTHEST 1e6f  /* upper limit of sbl_vertices_desc.smoothing */
 
 static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *d, const sbl__scene *scene) {
     const sbl__geometry *g = &scene->geometry;
@@ -9138,8 +9138,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    triangle. Triangles that share a corner, with the same position and the same lightmap coordinates, belong to one
    chart. */
 
-/* Words of a texel in sbl__atlas.texels: 1 + triangle index (0: none); barycentric weights of corners 1 and 2, as
-   floats; 1 + chart index */
+/* Words of a texel in sbl__atlas.texels: 1 + index of the triangle in the scene (0: none); barycentric weights of
+   corners 1 and 2, as floats; 1 + chart index */
 #define SBL__ATLAS_WORDS 4
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
@@ -14066,7 +14066,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
-                                      by reflecting leaves is less, small triangles get surface samples */
+                                      by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
@@ -14114,7 +14114,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
 #define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
 #define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
-#define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
 #define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* number of rays over the hemisphere that decide if a point needs a stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
@@ -14130,7 +14130,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
                                       this fraction of all light, or less */
-#define SBL__UNCERTAINTY_ROUNDS 6
+#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
+                                      sbl__bounce_after_noise */
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
@@ -14144,10 +14145,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps is
                                       measured at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine positions */
-#define SBL__AIR_RAYS 512
-#define SBL__CAST_COLUMNS 256
+#define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
+#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
-#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of rays cast at once */
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
 
 /* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
    is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
@@ -14156,15 +14157,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
-#define SBL__NOWHERE 0xffffffffu
+#define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray in world units; for a surface sample, length of
-   the shortest of its rays that hit a surface, or SBL__UNSEEN. side: triangle << 1 | back; SBL__NOWHERE: the ray hit
-   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__bounce_link, and before that
-   only if `current` is 1. albedo: of the surface, see sbl__share_pack. by_metal: 1: the ray had reflected off metal
-   before this hit. current: 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__bounce_place sets it for
-   any queued hit; it is tested only for hits of points' rays */
+   the shortest of its rays that hit a surface, or SBL__UNSEEN. side: (index of the triangle in the scene) << 1 | back;
+   SBL__NOWHERE: the ray hit nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after
+   sbl__bounce_link, and before that only if `current` is 1. albedo: of the surface, see sbl__share_pack. by_metal: 1:
+   the ray had reflected off metal before this hit. current: 1: `leaf` is valid and stays so until a cut splits that
+   leaf. sbl__bounce_place sets it for any queued hit; it is tested only for hits of points' rays */
 typedef struct sbl__hit {
     float position[3], distance;
     uint32_t side, leaf;
@@ -14286,8 +14287,9 @@ typedef struct sbl__bounce {
     int rounds;
     sbl__black black;                /* decides which leaves black surfaces get */
     int black_leaves;                /* number of leaves on black surfaces */
-    int sample_small;                /* 1: small triangles get surface samples, too. This is set when few leaves reflect
-                                        light, since the light may be in a small room of a large scene */
+    int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
+                                        when few leaves reflect light, since the light may be in a small room of a large
+                                        scene */
     int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
     int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     sbl__table casts;
@@ -15467,7 +15469,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
@@ -16392,12 +16394,12 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    Writes a header, the store and a checksum to a stream. Reads them, and uses them if they are valid and belong to the
    scene. */
 
-#define SBL__SAVED_NAME "sblstore"
+#define SBL__SAVED_NAME "sblstore"     /* the first bytes of a stream */
 #define SBL__SAVED_VERSION 6u          /* version of the format for a store without light groups */
 #define SBL__SAVED_GROUPED 7u          /* version for a store with light groups: their number follows the header, and
                                           the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* shows the byte order */
-#define SBL__SAVED_SEED 0xcbf29ce484222325u
+#define SBL__SAVED_SEED 0xcbf29ce484222325u  /* start value of all hashes and of the checksum */
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets, and of cuts, in a stream; at most half as many
                                           leaves */
 
@@ -23006,7 +23008,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
    scene of the test is one triangle: a camera's G-buffer must show it, and a sensor's rays must hit it. */
 
 #define SBL__TRIAL_SIZE 8   /* width and height of the G-buffer in pixels */
-#define SBL__TRIAL_RAYS 16
+#define SBL__TRIAL_RAYS 16  /* number of rays of the sensor */
 
 /* Makes a scene of one white, two-sided triangle in the plane z = 0, around the origin. */
 static sbl_result sbl__trial_scene(sbl__core *c) {
