@@ -43,7 +43,7 @@ const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the 
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
-const int SBL_PANES = 56;               // this many panes of a pixel are free; each further one counts as a mirror
+const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
 // The surface that a pixel shows in mirrors and behind panes

@@ -42,9 +42,8 @@ sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.tri
 // Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the
 // ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may
 // enter exactly at `nearest`: of two triangles at the same distance, the ray hits the one with the lower index in
-// the scene.
-// All distances are the bits of floats: as integers, the bits of positive floats have the same order as the
-// floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:
+// the scene. All distances are the bits of floats: as integers, the bits of positive floats have the same order
+// as the floats, and the bits of negative floats are negative. per: distance along the ray per grid step. offset:
 // distance along the ray of the grid's origin. flip: for each axis, true if the ray's direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
