@@ -4084,9 +4084,8 @@ static void sbl__check_finite(sbl__check *check, const char *name, const float *
 
 /* Reports a negative count, and a positive count without an array. name: name of the count's field */
 static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
-    if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
-                     "array", name, count, array ? "given" : "NULL");
+    if (count < 0) sbl__mistake(check, "%s is %d; it must not be negative", name, count);
+    else if (count > 0 && !array) sbl__mistake(check, "%s is %d, but the array is NULL", name, count);
 }
 
 /* Returns 1 if low <= x <= high. Otherwise reports a mistake and returns 0. */
@@ -4098,10 +4097,11 @@ static int sbl__check_int(sbl__check *check, const char *name, int x, int low, i
 
 /* >>check: meshes */
 
-/* For each sbl_type: size of a component in bytes, and the factor from stored to real values */
-static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
-    { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
-    { 1, 1 }, { 2, 1 }, { 4, 1 }
+/* For each sbl_type: its name, size of a component in bytes, and the factor from stored to real values */
+static const struct { const char *name; int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
+    { "SBL_FLOAT32", 4, 1 }, { "SBL_FLOAT16", 2, 1 }, { "SBL_UINT8_NORM", 1, 1 / 255.0 },
+    { "SBL_UINT16_NORM", 2, 1 / 65535.0 }, { "SBL_INT8_NORM", 1, 1 / 127.0 }, { "SBL_INT16_NORM", 2, 1 / 32767.0 },
+    { "SBL_UINT8", 1, 1 }, { "SBL_UINT16", 2, 1 }, { "SBL_UINT32", 4, 1 }
 };
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
@@ -4148,7 +4148,8 @@ static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     if (s->data && s->gl_buffer)
         sbl__mistake(check, "%s.data and %s.gl_buffer (%u) are both set; give one", use->name, use->name, s->gl_buffer);
     if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
-        sbl__mistake(check, "%s.type is %d; %s", use->name, type, is_index ?
+        sbl__mistake(check, "%s.type is %d, %s; %s", use->name, type,
+                     type < 0 || type >= SBL_TYPE_COUNT ? "which does not exist" : sbl__types[type].name, is_index ?
                      "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
@@ -4210,8 +4211,15 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 /* Checks the index of a light group. groups: number of light groups in the scene; 0: only index 0 is allowed */
 static void sbl__check_light_group(sbl__check *check, const char *field, int group, int groups) {
     if (group < 0 || group >= SBL__MAX(groups, 1))
-        sbl__mistake(check, "%s is %d; sbl_scene_desc.light_groups is %d, so it must be 0 to %d", field, group, groups,
-                     SBL__MAX(groups, 1) - 1);
+        sbl__mistake(check, "%s is %d; sbl_scene_desc.light_groups is %d, so it must be %s%d", field, group, groups,
+                     groups > 1 ? "0 to " : "", SBL__MAX(groups, 1) - 1);
+}
+
+/* Checks the number of a texture: 0 or 1 to count. count: sbl_scene_desc.texture_count */
+static void sbl__check_texture_number(sbl__check *check, const char *field, int number, int count) {
+    if (number >= 0 && number <= SBL__MAX(count, 0)) return;
+    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0, for none, to %d", field, number, count);
+    else sbl__mistake(check, "%s is %d; it must be 0, because the scene has no textures", field, number);
 }
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
@@ -4219,16 +4227,16 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     sbl__check_object(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material", number);
     sbl__check_range(check, "albedo", m->albedo, 3, sbl__unit_range);
     sbl__check_range(check, "emission", m->emission, 3, sbl__not_negative_range);
-    sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
-    sbl__check_int(check, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "albedo_texture", m->albedo_texture, desc->texture_count);
+    sbl__check_texture_number(check, "emission_texture", m->emission_texture, desc->texture_count);
     sbl__check_range(check, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (!sbl__between(&m->ior, 0, 0)) sbl__check_range(check, "ior (0: matte)", &m->ior, 1, sbl__ior_range);
     sbl__check_range(check, "metallic", &m->metallic, 1, sbl__unit_range);
     sbl__check_range(check, "roughness", &m->roughness, 1, sbl__unit_range);
-    sbl__check_int(check, "specular_texture (0: none)", m->specular_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "specular_texture", m->specular_texture, desc->texture_count);
     sbl__check_range(check, "transmission", &m->transmission, 1, sbl__unit_range);
-    sbl__check_int(check, "transmission_texture (0: none)", m->transmission_texture, 0, desc->texture_count);
-    sbl__check_int(check, "normal_texture (0: none)", m->normal_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "transmission_texture", m->transmission_texture, desc->texture_count);
+    sbl__check_texture_number(check, "normal_texture", m->normal_texture, desc->texture_count);
     sbl__check_range(check, "normal_scale", &m->normal_scale, 1, sbl__normal_scale_range);
     sbl__check_light_group(check, "light_group", m->light_group, desc->light_groups);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
@@ -8797,11 +8805,18 @@ static void sbl__check_window(sbl__check *check, const int w[4], const char *wha
                      w[0], w[1], w[2], w[3], what, width, height);
 }
 
+/* Checks a width or height. name: name of the field */
+static void sbl__check_size(sbl__check *check, const char *name, int x) {
+    if (x >= 1 && x <= SBL__MAX_SIZE) return;
+    sbl__mistake(check, "%s is %d; it must be 1 to %d%s", name, x, SBL__MAX_SIZE,
+                 x ? "" : " (or both width and height 0 for the default)");
+}
+
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
     const int64_t rays = d->look_rays < 0 ? -(int64_t)d->look_rays : d->look_rays;
-    sbl__check_int(check, "width", d->width, 1, SBL__MAX_SIZE);
-    sbl__check_int(check, "height", d->height, 1, SBL__MAX_SIZE);
+    sbl__check_size(check, "width", d->width);
+    sbl__check_size(check, "height", d->height);
     sbl__check_int(check, "tile", d->tile, 1, 1024);
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
     sbl__check_range(check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
@@ -8891,11 +8906,25 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
+/* Checks the list of meshes of a lightmap: all have lightmap_texcoords. Without a list, one mesh of the scene must. */
+static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_desc *d, const sbl__geometry *g) {
+    int i, lightmapped = 0;
+    sbl__check_array(check, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; d->meshes && i < d->mesh_count; i++) {
+        const int mesh = d->meshes[i];
+        if (mesh < 0 || mesh >= g->mesh_count)
+            sbl__mistake(check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+        else if (!g->meshes[mesh].lightmapped)
+            sbl__mistake(check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
+    }
+    for (i = 0; i < g->mesh_count; i++) lightmapped += g->meshes[i].lightmapped;
+    if (!d->mesh_count && !lightmapped)
+        sbl__mistake(check, "no mesh of the scene has lightmap_texcoords, so there is nothing to bake");
+}
+
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
-    const sbl__geometry *g = &scene->geometry;
     sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc", 0 };
-    int i;
     if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, &picture);
@@ -8911,14 +8940,7 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
         sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most %d", d->supersample,
                      d->width, d->height, SBL__MAX_SIZE);
-    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
-    for (i = 0; d->meshes && i < d->mesh_count; i++) {
-        const int mesh = d->meshes[i];
-        if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
-        else if (!g->meshes[mesh].lightmapped)
-            sbl__mistake(&check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
-    }
+    sbl__check_lightmap_meshes(&check, d, &scene->geometry);
     return sbl__check_end(&check);
 }
 
@@ -9066,8 +9088,7 @@ static int sbl__grid_count(const int grid[3]) {
 static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
-    if (!given && d->probe_count > 0)
-        sbl__mistake(check, "probe_count is %d; positions is NULL, and there is no grid", d->probe_count);
+    if (!given) sbl__mistake(check, "positions is NULL, and there is no grid (grid is 0 0 0); set one of the two");
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
@@ -16491,6 +16512,9 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
 /* A fault of a stream. why: the words, or "" if the stream has no fault. item: the log item of the message */
 typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
 
+static const char sbl__saved_damaged[] = "the stored light is damaged";
+static const char sbl__saved_short[] = "the stored light is damaged: it ends too soon";
+
 static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
     snprintf(fault->why, sizeof fault->why, "%s", why);
     fault->item = item;
@@ -16507,7 +16531,7 @@ static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sb
     if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
     for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
     if (!differ) return;
-    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was stored for a scene with ");
+    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the light was stored for a scene with ");
     for (i = 0; i < SBL__SAVED_PARTS; i++) {
         if (parts[i] == header->parts[i]) continue;
         length = strlen(fault->why);
@@ -16524,16 +16548,16 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
     memset(header, 0, sizeof *header);
     if (!sbl__saved_transfer(stream, header, sizeof header->name) ||
         memcmp(header->name, SBL__SAVED_NAME, sizeof header->name))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is not stored light of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "the data are not stored light of sbl.h");
     else if (!sbl__saved_transfer(stream, (char *)header + sizeof header->name, sizeof *header - sizeof header->name))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
     else if (header->order != SBL__SAVED_ORDER)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written on a machine with another byte order");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light has another byte order");
     else if (header->version != SBL__SAVED_VERSION && header->version != SBL__SAVED_GROUPED)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written by another version of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is of another version of sbl.h");
     else if (header->version == SBL__SAVED_GROUPED &&
              !sbl__saved_transfer(stream, &stream->groups, sizeof stream->groups))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
     cells = header->cells;
     if (!fault->why[0] && (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 ||
                            header->cuts > most || header->leaves < 0 || header->leaves > most / 2 ||
@@ -16541,7 +16565,7 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
                            header->bright > header->leaves || stream->groups < 0 ||
                            stream->groups > SBL_MAX_LIGHT_GROUPS ||
                            (header->version == SBL__SAVED_GROUPED) != (stream->groups > 0)))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_damaged);
 }
 
 /* Returns 1 if a reference is 0 or leads to an existing leaf or cut. from: -1, or the index of the cut that has the
@@ -16575,8 +16599,8 @@ static int sbl__saved_valid(const sbl__store *s, int groups) {
 static const char *sbl__saved_end(sbl__saved_stream *stream) {
     const uint64_t sum = stream->sum;
     uint64_t end;
-    if (!sbl__saved_transfer(stream, &end, sizeof end)) return "it ends too soon";
-    return end == sum ? NULL : "it is damaged";
+    if (!sbl__saved_transfer(stream, &end, sizeof end)) return sbl__saved_short;
+    return end == sum ? NULL : sbl__saved_damaged;
 }
 
 /* Reads the rest of another scene's stream and drops it. Returns the fault of the stream, or NULL. */
@@ -16589,7 +16613,7 @@ static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *
     uint32_t block[1024];
     while (left) {
         const size_t bytes = left < sizeof block ? (size_t)left : sizeof block;
-        if (!sbl__saved_transfer(stream, block, bytes)) return "it ends too soon";
+        if (!sbl__saved_transfer(stream, block, bytes)) return sbl__saved_short;
         left -= bytes;
     }
     return sbl__saved_end(stream);
@@ -16606,7 +16630,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     if (fault->why[0]) return SBL_ERROR_INVALID_ARGUMENT;
     sbl__saved_compare(&header, scene, fault);
     if (!fault->why[0] && stream.groups != scene->light_groups)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_damaged);
     if (fault->why[0]) why = sbl__saved_skip(&stream, &header);
     else {
         s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
@@ -16623,8 +16647,8 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
         s->cut_count = s->cut_room = header.cuts;
         s->leaf_count = s->leaf_room = header.leaves;
         s->bright_count = header.bright;
-        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : "it ends too soon";
-        if (!why && !sbl__saved_valid(s, stream.groups)) why = "it is damaged";
+        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : sbl__saved_short;
+        if (!why && !sbl__saved_valid(s, stream.groups)) why = sbl__saved_damaged;
     }
     if (why) sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, why);
     return fault->why[0] ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
@@ -16643,7 +16667,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
-        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "it is larger than this driver's tables");
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is larger than this driver's tables");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
@@ -16654,8 +16678,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
         return result;
     }
     if (s.made_for < s.max_leaves)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: it was made with at most %d "
-                 "cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: the light was stored with at "
+                 "most %d cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
     sbl__scene_glows_changed(&c->device, scene);
@@ -20253,15 +20277,18 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 
 /* >>map: channels */
 
-/* Per channel: floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is not NULL;
-   index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer has no such texture. */
-static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
-    { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
-    { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
-    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 },
-    { 1, 0, -1 }
+/* Per channel: its name; floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is
+   not NULL; index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer has no such
+   texture. */
+static const struct { const char *name; int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
+    { "FINAL", 3, 0, -1 }, { "RADIANCE", 3, 0, -1 }, { "ALBEDO", 3, SBL__GBUFFER_ALBEDO, -1 },
+    { "NORMAL", 3, 0, SBL__GBUFFER_NORMAL }, { "POSITION", 3, 0, SBL__GBUFFER_POSITION },
+    { "ID", 1, 0, SBL__GBUFFER_ID }, { "DEPTH", 1, 0, -1 }, { "SENSORS", 1, 0, -1 }, { "STORE", 3, 0, -1 },
+    { "ERROR", 1, 0, -1 }, { "OVERLAP", 1, 0, -1 }, { "SH_0", 3, 0, -1 }, { "SH_1", 3, 0, -1 }, { "SH_2", 3, 0, -1 },
+    { "SH_3", 3, 0, -1 }, { "DISPLAY", 3, 1, -1 }, { "LOOKS", 1, 0, -1 }, { "SPECULAR", 3, 0, -1 },
+    { "SPECULAR_ALBEDO", 3, SBL__GBUFFER_SPECULAR, -1 }, { "RADIANCE_ERROR", 1, 0, -1 }, { "GROUP_0", 3, 0, -1 },
+    { "GROUP_1", 3, 0, -1 }, { "GROUP_2", 3, 0, -1 }, { "GROUP_3", 3, 0, -1 }, { "GROUP_4", 3, 0, -1 },
+    { "GROUP_5", 3, 0, -1 }, { "GROUP_6", 3, 0, -1 }, { "GROUP_7", 3, 0, -1 }, { "WORK", 1, 0, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. host_pixel: index of the pixel of the host */
@@ -21551,6 +21578,9 @@ static const sbl__front_end sbl__readings_front_end = {
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this * desc.samples points */
+#define SBL__VERTICES_COARSE 512        /* a triangle of at least this part, 1 / 512, of the square of the diagonal of
+                                           the scene's bounds has at least desc.samples points, and larger ones have
+                                           more, in proportion to their area, because light can vary much on them */
 #define SBL__VERTICES_MIN_AREA 1e-9f    /* smaller areas of triangles, relative to the mean of the mesh, are raised
                                            to this, see sbl__vertices.areas */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
@@ -21585,6 +21615,7 @@ typedef struct sbl__vertices_part {
     int vertex_count, triangle_count;
     int first_hinge, hinge_count;
     double area;
+    double points_wanted;        /* number of points on a triangle of the mean area */
     double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
@@ -21810,9 +21841,9 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-/* Returns the number of points on a triangle. */
+/* Returns the number of points on a triangle of s->part. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
-    const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
+    const double wanted = (double)s->areas[triangle] * s->parts[s->part].points_wanted + 0.5;
     const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
@@ -21821,13 +21852,15 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count);
+    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->across;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
+    part->points_wanted = s->desc.samples;
+    if (across > 0) part->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
@@ -23290,6 +23323,8 @@ typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
 
+#define SBL__REFUSALS 32  /* at least the number of functions that callbacks must not call */
+
 struct sbl_context {
     sbl__core core;
 #define SBL__X(verb, noun, type) type noun;
@@ -23299,6 +23334,7 @@ struct sbl_context {
     sbl__map *map;             /* the picture or lightmap, finished or not; NULL: none */
     sbl__inspection inspection;
     sbl__inside inside;
+    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; then NULL */
     sbl__egl egl;
 };
 
@@ -23328,6 +23364,16 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
+/* Returns 1 if the refusal of this function was not yet logged since the work was begun, and remembers it: a callback
+   may repeat its mistake after each piece of work. */
+static int sbl__first_refusal(sbl_context *c, const char *function) {
+    int i = 0;
+    while (i < SBL__REFUSALS && c->refused[i] && strcmp(c->refused[i], function)) i++;
+    if (i == SBL__REFUSALS || c->refused[i]) return 0;
+    c->refused[i] = function;
+    return 1;
+}
+
 /* Returns SBL_SUCCESS if c is not NULL, c->inside is at most `most`, the context's own GL context, if any, can be made
    current and, if scene is 1, a scene is set. Otherwise returns an error and, unless c is NULL, logs it. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
@@ -23336,7 +23382,8 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
     inside = c->inside;
     if (inside > most) {
         c->inside = SBL__INSIDE_REFUSAL;
-        if (inside != SBL__INSIDE_REFUSAL)  /* a logger that calls the function again must not cause a recursion */
+        if (inside != SBL__INSIDE_REFUSAL &&  /* a logger that calls the function again must not cause a recursion */
+            sbl__first_refusal(c, function))
             sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
                         "callback return first (progress: return nonzero to cancel)");
         c->inside = inside;
@@ -23420,7 +23467,10 @@ static sbl_result sbl__compile_all(sbl__device *d) {
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
+    /* if a canary shows that the struct was not zeroed, its logger and allocator may be no functions */
+    const int zeroed = !desc || (!desc->start_canary && !desc->end_canary);
     sbl_context_desc d = sbl_context_desc_defaults(desc);
+    const sbl_context_desc defaults = sbl_context_desc_defaults(NULL);
     sbl__egl before;
     sbl__visit visit;
     sbl__base base;
@@ -23428,8 +23478,8 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_result result;
     memset(&base, 0, sizeof base);
     memset(&before, 0, sizeof before);
-    base.allocator = d.allocator;
-    base.logger = d.logger;
+    base.allocator = zeroed ? d.allocator : defaults.allocator;
+    base.logger = zeroed ? d.logger : defaults.logger;
     base.budget = d.memory_budget;
     if (!out) {
         sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
@@ -23601,6 +23651,7 @@ static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f
     sbl__abandon(c);
     if (f->is_map && c->map) sbl__drop(c, &c->map->work);
     sbl__core_begin(&c->core, &measurement);
+    memset(c->refused, 0, sizeof c->refused);
     c->work = (sbl__work *)work;
     if (f->is_map) c->map = (sbl__map *)work;
     result = sbl__work_begin(c->work, f, &c->core, &measurement, desc);
@@ -23747,12 +23798,12 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
-    if (!components || !out)
-        sbl__mistake(&check, "channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1,
-                     out ? "given" : "NULL");
-    else if (float_count < pixels * (size_t)components)
-        sbl__mistake(&check, "float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
-                     (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
+    if (!components) sbl__mistake(&check, "channel is %d; 0 to %d exist", (int)channel, SBL_CHANNEL_COUNT - 1);
+    if (!out) sbl__mistake(&check, "out is NULL; it receives the channel");
+    if (float_count < pixels * (size_t)components)
+        sbl__mistake(&check, "float_count is %.0f; SBL_CHANNEL_%s of %d x %d pixels needs %.0f floats",
+                     (double)float_count, sbl__channels[channel].name, c->map->size[0], c->map->size[1],
+                     (double)pixels * components);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel", channel);
     if (result != SBL_SUCCESS) return result;
