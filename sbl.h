@@ -392,16 +392,16 @@
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and 56 panes. A mirror is here a surface of a roughness below 0.08 with a diffuse
-                  albedo of at most 0.02; most metals have such an albedo. All channels belong to the surface that is
-                  seen: RADIANCE, SPECULAR, NORMAL, POSITION, ID and DEPTH (negative if the surface lies behind the
-                  camera) unchanged, ALBEDO and SPECULAR_ALBEDO multiplied by what the mirrors on the way reflect and
-                  the panes pass. SPECULAR of a mirror itself is therefore never in the picture. Where a mirror shows
-                  only sky, the channels are those of the mirror, with ALBEDO and SPECULAR_ALBEDO 0. If a material
-                  (without its texture) is such a mirror of a roughness of 0.05 or more, FINAL has at least 16
-                  anti-aliasing samples per pixel, which blur what these mirrors show. All these samples lie at the
-                  pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by
-                  rays
+                  most 8 mirrors and 56 panes; each further pane counts as a mirror. A mirror is here a surface of a
+                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo. All
+                  channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION, ID and DEPTH
+                  (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO multiplied by
+                  what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
+                  in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
+                  SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
+                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. All
+                  these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth
+                  surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
                   except that metal of a roughness below 0.5 is itself a mirror there. No light is stored in
