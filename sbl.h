@@ -3,10 +3,11 @@
    Do this in exactly one C or C++ file of your program:
 
        #define SBL_IMPLEMENTATION
-       #define SBL_EGL              // optional: sbl.h can then create a headless GL context (link with -lEGL)
+       #define SBL_EGL              // optional: sbl.h can then create a headless GL context
        #include "sbl.h"
 
    Other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or later.
+   Link with -lEGL -lm, or without SBL_EGL with -lm. No GL library is linked, because GL functions are looked up.
 
 
    WHAT IT IS
@@ -47,6 +48,23 @@
        readings    light at any points with normals that you give         see sbl_readings_desc
 
    The method is "Sensor based Lighting" by M. Banquiero and M. Leone. The chapter ON THE PAPER lists the differences.
+
+
+   CONTENTS
+
+       QUICK START, FUNCTIONS                          a first program; a list of all functions
+       ON UNITS, ON ZEROS                              what numbers mean, and what 0 in a field means
+       ON PICTURES, ON SCREENS, ON THE TARGET ERROR    pictures; how to show and save them; how exact they are
+       ON LIGHTS, ON BOUNCED LIGHT, ON REFLECTIONS     where light comes from, and what surfaces do with it
+       ON LIGHTMAPS, ON VERTEX LIGHT, ON PROBES        light that is stored for another renderer
+       ON OCCLUSION, ON LIGHT GROUPS                   sky visibility and ambient occlusion; switches and dimmers
+       ON MEMORY, ON TIME, ON PARTS                    how to limit, divide and distribute the work
+       ON RESULTS AND MESSAGES, ON THREADS             errors, callbacks and threads
+       ON GL STATE, ON WINDOWS AND MACOS               GL contexts of the host
+       ON DETERMINISM, ON THE PAPER                    when results are equal to the bit; the published method
+
+   The declarations follow this manual. Two further chapters stand at the head of the implementation: SYMPTOMS (where to
+   look if something is wrong) and GLOSSARY.
 
 
    WHAT IT DOES NOT DO
@@ -150,7 +168,7 @@
        sbl_vertices_desc_defaults
        sbl_probes_desc_defaults
 
-   Queries (each returns a struct, which is all zeroes for a NULL context):
+   Queries (each returns a struct or a number; all of it is 0 for a NULL context):
        sbl_query_desc             the context's descriptor, with its defaults filled in
        sbl_query_bounds           the bounding box of the scene
        sbl_query_capabilities     the GL version, and which optional GL features exist and are used
@@ -225,8 +243,8 @@
    surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black pixels, and
    the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the brightest 5 % of
    FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops. The result is in
-   sbl_stats.picture.exposure. Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient
-   behind objects that would otherwise be in front of a black sky.
+   sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel. sbl_picture_desc.backdrop
+   puts a gradient behind objects that would otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -235,9 +253,12 @@
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
-   With the default target of the preset, each sensor takes at most 32 looks. Their number of rays, 16 to 128 each,
-   follows from the target. The limit bounds the time where light comes through windows, and there the picture may miss
-   the target. If you set target_error yourself, even to its default, a sensor may take up to 512 looks.
+   The number of rays of a look follows from the target: 16 from 6 % on, 32 from 1.5 % on, 64 from 0.4 % on, otherwise
+   128. With the default target of the preset, each sensor takes at most 32 looks. If the first looks are too noisy, all
+   looks get more rays, up to 128, and their maximum number is lowered, so that the maximum number of rays stays: 1024 /
+   1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in lightmaps. The limit bounds
+   the time where light comes through windows, and there the picture may miss the target. If you set target_error
+   yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -251,15 +272,17 @@
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
-   both early, and stop. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see
-   ON REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR
-   is the prediction for R in all pictures.
+   both early, and stop. While the work goes on, the prediction can rise as well as fall, because the first sensors may
+   have missed places. Stop only when it has stayed below your limit for several steps. In pictures of scenes with
+   reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once reflections are
+   measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
-   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. Noise and
-   interpolation together are not reduced below 0.84 of the target, and not below half of the third part (or twice the
-   target, if this half is more). If the third part exceeds 0.55 of the target, the picture may therefore end with
+   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The squares of
+   all parts add up to that of the predicted error. If the third part is large, further rays would hardly help. Noise
+   and interpolation together are then reduced only to the larger of 0.84 of the target and half of the third part, but
+   at least down to twice the target. If the third part exceeds 0.55 of the target, the picture may therefore end with
    SUCCESS and an expected_error above the target.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
@@ -346,34 +369,39 @@
    D is the GGX distribution, Vis the height-correlated term of Smith. The second term of f is the specular lobe. A
    surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1 - Fd) of the light straight
    through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light. Pictures show all of this, except
-   in SBL_MODE_PAPER and in scenes with a draw callback, where all materials are matte and solid:
+   in SBL_MODE_PAPER and in scenes with a draw callback, where all materials are matte and solid. At pixel centres
+   (sbl_picture_desc.samples = 1), and except for the light that panes in front of the surface add themselves:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   ALBEDO is then the albedo of the diffuse part for this view. SPECULAR_ALBEDO is the share of uniform light that the
-   lobe reflects to the camera, but at least 0.001. SPECULAR is the light that the lobe reflects, divided by
-   SPECULAR_ALBEDO: the mean radiance in the lobe. Errors are those that the eye sees: the root mean square over the
-   visible pixels, at their centres, of the error of the luminance of FINAL, as a share of the mean luminance of FINAL
-   without emission. Sensors measure R until the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within
-   target_error. Then further sensors measure SPECULAR until the error of FINAL is. The error of FINAL has three parts,
-   whose squares add up: radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation
-   cause, and the error of stored light in lobes. Sensors do not reduce specular_error below 0.84 of the target, so the
-   whole error can be 1.4 times the target. Near the images of lamps in smooth surfaces, a picture may miss the default
-   target, because a sensor takes at most 32 looks there. SBL_CHANNEL_ERROR is the predicted error of FINAL; the
-   channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where SBL_MATERIAL_NO_SENSORS
-   forbids sensors, the lobe reflects the stored light.
+   No channel holds the emission, or what panes add, alone. ALBEDO is the albedo of the diffuse part for this view.
+   SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or 0 if the
+   surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean radiance in the
+   lobe. Errors are those that the eye sees: the root mean square over the visible pixels, at their centres, of the
+   error of the luminance of FINAL, as a share of the mean luminance of FINAL without emission. Sensors measure R until
+   the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors
+   measure SPECULAR until the error of FINAL is. The error of FINAL has three parts, whose squares add up:
+   radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
+   stored light in lobes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4
+   times the target. Near the images of lamps in smooth surfaces, a picture may miss the default target, because of the
+   limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error of FINAL; the channels
+   RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where SBL_MATERIAL_NO_SENSORS forbids
+   sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
                   the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
        mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
                   most 8 mirrors and 56 panes; each further pane counts as a mirror. A mirror is here a surface of a
-                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo.
-                  Channels such as NORMAL, POSITION and ID belong to the surface that is seen; DEPTH is negative if
-                  that surface lies behind the camera. If a material (without its texture) is such a mirror of a
-                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
-                  these mirrors show. All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The
-                  lobes of other smooth surfaces are measured by rays
+                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo. All
+                  channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION, ID and DEPTH
+                  (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO multiplied by
+                  what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
+                  in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
+                  SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
+                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. All
+                  these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth
+                  surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
                   except that metal of a roughness below 0.5 is itself a mirror there. No light is stored in
@@ -419,7 +447,7 @@
        chart     a part of a surface whose triangles touch each other both in the world and in the map
        gutter    the texels around a chart that show no surface. They repeat the chart's light, so that filtering does
                  not mix in black
-       seam      an edge where two charts meet in the world, but not in the map
+       seam      an edge where two charts meet in the world with the same normal, but not in the map
 
    Give meshes lightmap_texcoords that place all their triangles in one map without overlapping. Other tools call these
    coordinates a second UV set or a lightmap unwrap. Then call:
@@ -446,9 +474,9 @@
    side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
    triangles of its own.
 
-   Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
-   bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the sides. The triangles on both sides must share the edge from end to end.
+   Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
+   differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
+   must share the edge from end to end.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
    which measures several places per texel. A value of 2 takes about twice the time.
@@ -459,7 +487,8 @@
    of the scene, but if a ball is seen from so near that a texel is larger than a pixel, its facets show.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
-   Another warning counts the triangles that have no area in the map; if no triangle has area there, the bake fails.
+   Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
+   if no mesh has lightmap_texcoords, it does not begin.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. These four alone would give
@@ -506,6 +535,12 @@
    Kavan, A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011). If triangles are large compared
    with the changes of light on them, the fit is more accurate than light that is measured at vertices or averaged
    around them. Beside a shadow the fit may make a vertex darker than all points around it, but not negative.
+
+   Accuracy: sbl_vertices_desc.samples is the number of points on an average triangle; triangles that are large for the
+   scene have up to eight times as many. With the default, on the walls of a closed room, which are two triangles each,
+   the light at the vertices is within 4 % of what 128 times as many points give. Where no straight line can follow the
+   light, such as on a triangle with a shadow in its middle, no number of points makes the interpolated light right;
+   divide such triangles.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
@@ -569,9 +604,9 @@
 
        lightmaps  sbl_lightmap_desc.grouped = 1 makes the channels SBL_CHANNEL_GROUP_0 and so on, with gutters and sewn
                   seams. They are the parts of FINAL
-       vertices   sbl_vertices_desc.groups
-       probes     sbl_probes_desc.groups
-       readings   sbl_readings_desc.groups
+       vertices   sbl_vertices_desc.groups: all vertices of the first group, then all of the second, and so on
+       probes     sbl_probes_desc.groups: all groups of the first probe, then all of the second, and so on
+       readings   sbl_readings_desc.groups: all groups of the first site, then all of the second, and so on
 
    Pictures have no groups. The whole light is, to the bit, that of a bake without groups, unless the driver's limit on
    buffer textures limits the store: with groups it then has fewer cells. In lightmaps and at vertices, groups are never
@@ -622,7 +657,10 @@
    sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
    divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
    program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
-   compiles nearly all of them (1.5 s on llvmpipe).
+   compiles nearly all of them (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
+   compile again when a program first draws, for the formats of its textures and targets. compile_ahead cannot avoid
+   that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache, a dozen steps of the first
+   picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids that.
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
@@ -653,7 +691,8 @@
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress; the progress callback may also read channels. Other functions of the context refuse such calls with
-   SBL_ERROR_STATE or 0, or do nothing. sbl_write_function and sbl_read_function must not call any of them.
+   SBL_ERROR_STATE or 0, or do nothing; the logger receives one message for each such function and piece of work.
+   sbl_write_function and sbl_read_function must not call any function of sbl.h on this context.
 
 
    ON THREADS
@@ -748,8 +787,15 @@
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
    margin adds up to tile + filter_radius + 1 pixels at each side.
 
+   The joined picture is not to the bit that of one call. If options.rays is set and nothing is refined (tile = 1), both
+   differ by rounding, which sends single rays past an edge (0.01 % of the mean in all). With a target error, the joined
+   picture has other sensors in places, and differs by less than the target.
+   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as there in the picture of one call (in
+   three scenes).
+
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
-   supplies the first four:
+   supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
+   of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
@@ -774,9 +820,10 @@
    A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
    supersample supplies the mean, the rays and the price; as pixels of the whole, the factor of the price counts the
    places of `supersample`, width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE,
-   SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3 of each window to its place in arrays of the
-   whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If a single window shows the
-   whole map, and has no mean and price set, the joined map is to the bit the map that is baked at once.
+   SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and
+   so on, of each window to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the
+   gutters and seams. If a single window shows the whole map, and has no mean and price set, the joined map is to the
+   bit the map that is baked at once.
 
    Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
@@ -927,7 +974,8 @@ typedef enum sbl_capability {
 } sbl_capability;
 
 typedef struct sbl_context_desc {
-    uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed */
+    uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed. The message then goes
+                                 to stderr, because the logger of such a struct cannot be trusted */
     sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* looks up a GL function by its name, as
                                  eglGetProcAddress does. Default: NULL, for a headless context (needs SBL_EGL) */
     void *gl_user;            /* passed to get_gl_function */
@@ -1286,7 +1334,8 @@ typedef struct sbl_picture_desc {
     int window[4];             /* the part of the picture to make, pixels: x and y of its upper left pixel, its width
                                   and its height; see ON PARTS. All channels then have the window's size. Default:
                                   all 0, the whole picture */
-    float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
+    float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the
+                                  front, the right and above */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
     sbl_options options;       /* mode, preset, back end, rays, seed, progress: see sbl_options */
@@ -1295,9 +1344,8 @@ typedef struct sbl_picture_desc {
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
                                   (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place of R,
-                                  see ON REFLECTIONS. See also ON THE TARGET ERROR. If not set, a sensor takes at most
-                                  1024 / 1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER:
-                                  threshold decides */
+                                  see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE TARGET
+                                  ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
@@ -1323,7 +1371,8 @@ typedef struct sbl_picture_desc {
                                   see ON REFLECTIONS). Default: 1 / 4 / 16 */
     sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
     float exposure;            /* stops, -100 to 100: each doubles the radiance that `tone` maps. Default: 0 */
-    int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
+    int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS; without a
+                                  tone, only sbl_stats.picture.exposure shows them. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
                                   linear, 0 to 1, at the lower edge; it fades to 0.3 of it at the upper edge. It lights
                                   nothing. Default: 0 */
@@ -1336,14 +1385,16 @@ typedef struct sbl_picture_desc {
    spherical harmonics of sbl_probe, continued into the gutter as FINAL is; they are 0 unless a directional lightmap is
    finished (see ON LIGHTMAPS). */
 typedef enum sbl_channel {
-    SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, anti-aliased; in lightmaps R,
-                               continued into the gutter */
+    SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, and what panes add, anti-aliased;
+                               see ON REFLECTIONS. In lightmaps R, continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
-    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse part */
+    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse part; in
+                               mirrors and behind panes, times what these reflect or pass */
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
-    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis; 0 in lightmaps */
+    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis, negative if a mirror shows what is
+                               behind the camera; 0 in lightmaps */
     SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
     SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
     SBL_CHANNEL_ERROR,      /* 1: predicted standard error of luminance: of FINAL at pixel centres in pictures of scenes
@@ -1427,7 +1478,7 @@ typedef struct sbl_stats {
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size, pixels; number of sensors added */
     } picture;
     struct {
-        int seams;                /* number of edges at which charts meet in the world */
+        int seams;                /* number of seams, see ON LIGHTMAPS */
         float seam_before, seam_after;  /* largest difference of the luminance of R across seams, before and after they
                                      were made equal, as a share of the mean */
     } lightmap;
@@ -1512,8 +1563,8 @@ typedef struct sbl_lightmap_desc {
                                   and SH are their means, other channels show the place nearest to the centre. width and
                                   height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
-    float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
-                                  set, a sensor takes at most 1024 / 2048 / 4096 rays. Default: 0.02 / 0.005 / 0.0025 */
+    float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc.
+                                  Default: 0.02 / 0.005 / 0.0025 */
     float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
@@ -1573,15 +1624,16 @@ typedef struct sbl_probe {
 typedef struct sbl_probes_desc {
     uint32_t start_canary;     /* must stay 0 */
     const float *positions;    /* 3 floats per probe, world; not copied, must stay valid until the probes are done.
-                                  Default: NULL, a grid */
+                                  Default: NULL, a grid, which must then be set */
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
-    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid from first_probe
-                                  on */
+    int probe_count;           /* number of probes; with positions, 0 or more. Default without positions: number of
+                                  points of the grid from first_probe on */
     int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS): its point in the grid, 0
                                   to the number of points - 1; with positions, the number of positions[0], such that
                                   all numbers fit into an int. Default: 0 */
-    int grid[3];               /* without positions: number of probes along x, y and z, up to 16384; x runs fastest,
-                                  then y. They are at the centres of equal boxes that fill lowest to highest */
+    int grid[3];               /* without positions: number of probes along x, y and z, 1 to 16384; x runs fastest, then
+                                  y. They are at the centres of equal boxes that fill lowest to highest. Default (all
+                                  zero): no grid, so positions must be set */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
     float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
     sbl_probe *groups;         /* NULL, or receives the light of the light groups of the scene: a probe for each group
@@ -1608,9 +1660,10 @@ typedef struct sbl_vertices_desc {
                                   group as many floats as for R, one group after the other; see ON LIGHT GROUPS. Must
                                   stay valid likewise. Default: NULL */
     size_t group_float_count;  /* number of floats that groups has room for */
-    int samples;               /* number of points on a triangle that has the mean area of its mesh, 1 to 1024. Others
-                                  have points in proportion to their area: at most 8 * samples, and at least 4, or
-                                  samples if it is less. Default: 4 / 8 / 16 */
+    int samples;               /* number of points on a triangle that has the mean area of its mesh or, if this is less,
+                                  1 / 512 of the square of the diagonal of the scene's bounds, 1 to 1024. Others have
+                                  points in proportion to their area: at most 8 * samples, and at least 4, or samples if
+                                  it is less. Default: 4 / 8 / 16 */
     int average;               /* 1: each vertex gets the mean of the points around it instead of the least-squares fit.
                                   This is smoother, and wrong where light changes within large triangles. Default: 0 */
     float smoothing;           /* weight of the rule that the slope of the light agrees on triangles that share an edge,
@@ -1713,7 +1766,8 @@ extern "C" {
    GL function is missing, no headless GL), GL (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
-/* Frees a context and all its GL objects. Does nothing if context is NULL, or where others return STATE. */
+/* Frees a context and all its GL objects. Does nothing if context is NULL, or where others return STATE. The pointer
+   must not be used afterwards; set it to NULL, which every function refuses. */
 SBL_API void sbl_destroy(sbl_context *context);
 
 /* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
@@ -1765,7 +1819,8 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Starts a lightmap, which replaces a picture: what is said of pictures, from sbl_step on, is true for it.
-   desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY, which drops all former work. */
+   desc: NULL means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has
+   lightmap_texcoords), and OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
 /* Starts to join the windows of a lightmap: continues the light into the gutters, and makes it equal across seams. The
@@ -1774,8 +1829,8 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_d
 SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied; NULL means all zeroes. Its radiance is filled when the work is done; its readings or probes are filled
-   from the first to the last while the work goes on.
+   desc: copied; NULL means all zeroes (for probes an error, because it places none). Its radiance is filled when the
+   work is done; its readings or probes are filled from the first to the last while the work goes on.
    Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
    (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
@@ -1878,7 +1933,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
 #endif /* SBL_INCLUDED */
 
-/* Stop here if you only want to use it: all that follows is the implementation. */
+/* Stop here if you only want to use it: all that follows is the implementation. If something looks wrong, its chapter
+   SYMPTOMS tells where to look, and its GLOSSARY explains words. */
 
 #ifdef SBL_IMPLEMENTATION
 #ifndef SBL_IMPLEMENTATION_INCLUDED
@@ -4086,9 +4142,8 @@ static void sbl__check_finite(sbl__check *check, const char *name, const float *
 
 /* Reports a negative count, and a positive count without an array. name: name of the count's field */
 static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
-    if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
-                     "array", name, count, array ? "given" : "NULL");
+    if (count < 0) sbl__mistake(check, "%s is %d; it must not be negative", name, count);
+    else if (count > 0 && !array) sbl__mistake(check, "%s is %d, but the array is NULL", name, count);
 }
 
 /* Returns 1 if low <= x <= high. Otherwise reports a mistake and returns 0. */
@@ -4100,10 +4155,11 @@ static int sbl__check_int(sbl__check *check, const char *name, int x, int low, i
 
 /* >>check: meshes */
 
-/* For each sbl_type: size of a component in bytes, and the factor from stored to real values */
-static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
-    { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
-    { 1, 1 }, { 2, 1 }, { 4, 1 }
+/* For each sbl_type: its name, size of a component in bytes, and the factor from stored to real values */
+static const struct { const char *name; int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
+    { "SBL_FLOAT32", 4, 1 }, { "SBL_FLOAT16", 2, 1 }, { "SBL_UINT8_NORM", 1, 1 / 255.0 },
+    { "SBL_UINT16_NORM", 2, 1 / 65535.0 }, { "SBL_INT8_NORM", 1, 1 / 127.0 }, { "SBL_INT16_NORM", 2, 1 / 32767.0 },
+    { "SBL_UINT8", 1, 1 }, { "SBL_UINT16", 2, 1 }, { "SBL_UINT32", 4, 1 }
 };
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
@@ -4150,7 +4206,8 @@ static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     if (s->data && s->gl_buffer)
         sbl__mistake(check, "%s.data and %s.gl_buffer (%u) are both set; give one", use->name, use->name, s->gl_buffer);
     if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
-        sbl__mistake(check, "%s.type is %d; %s", use->name, type, is_index ?
+        sbl__mistake(check, "%s.type is %d, %s; %s", use->name, type,
+                     type < 0 || type >= SBL_TYPE_COUNT ? "which does not exist" : sbl__types[type].name, is_index ?
                      "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
@@ -4212,8 +4269,15 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 /* Checks the index of a light group. groups: number of light groups in the scene; 0: only index 0 is allowed */
 static void sbl__check_light_group(sbl__check *check, const char *field, int group, int groups) {
     if (group < 0 || group >= SBL__MAX(groups, 1))
-        sbl__mistake(check, "%s is %d; sbl_scene_desc.light_groups is %d, so it must be 0 to %d", field, group, groups,
-                     SBL__MAX(groups, 1) - 1);
+        sbl__mistake(check, "%s is %d; sbl_scene_desc.light_groups is %d, so it must be %s%d", field, group, groups,
+                     groups > 1 ? "0 to " : "", SBL__MAX(groups, 1) - 1);
+}
+
+/* Checks the number of a texture: 0 or 1 to count. count: sbl_scene_desc.texture_count */
+static void sbl__check_texture_number(sbl__check *check, const char *field, int number, int count) {
+    if (number >= 0 && number <= SBL__MAX(count, 0)) return;
+    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0, for none, to %d", field, number, count);
+    else sbl__mistake(check, "%s is %d; it must be 0, because the scene has no textures", field, number);
 }
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
@@ -4221,16 +4285,16 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     sbl__check_object(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material", number);
     sbl__check_range(check, "albedo", m->albedo, 3, sbl__unit_range);
     sbl__check_range(check, "emission", m->emission, 3, sbl__not_negative_range);
-    sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
-    sbl__check_int(check, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "albedo_texture", m->albedo_texture, desc->texture_count);
+    sbl__check_texture_number(check, "emission_texture", m->emission_texture, desc->texture_count);
     sbl__check_range(check, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (!sbl__between(&m->ior, 0, 0)) sbl__check_range(check, "ior (0: matte)", &m->ior, 1, sbl__ior_range);
     sbl__check_range(check, "metallic", &m->metallic, 1, sbl__unit_range);
     sbl__check_range(check, "roughness", &m->roughness, 1, sbl__unit_range);
-    sbl__check_int(check, "specular_texture (0: none)", m->specular_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "specular_texture", m->specular_texture, desc->texture_count);
     sbl__check_range(check, "transmission", &m->transmission, 1, sbl__unit_range);
-    sbl__check_int(check, "transmission_texture (0: none)", m->transmission_texture, 0, desc->texture_count);
-    sbl__check_int(check, "normal_texture (0: none)", m->normal_texture, 0, desc->texture_count);
+    sbl__check_texture_number(check, "transmission_texture", m->transmission_texture, desc->texture_count);
+    sbl__check_texture_number(check, "normal_texture", m->normal_texture, desc->texture_count);
     sbl__check_range(check, "normal_scale", &m->normal_scale, 1, sbl__normal_scale_range);
     sbl__check_light_group(check, "light_group", m->light_group, desc->light_groups);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
@@ -8804,11 +8868,18 @@ static void sbl__check_window(sbl__check *check, const int w[4], const char *wha
                      w[0], w[1], w[2], w[3], what, width, height);
 }
 
+/* Checks a width or height. name: name of the field */
+static void sbl__check_size(sbl__check *check, const char *name, int x) {
+    if (x >= 1 && x <= SBL__MAX_SIZE) return;
+    sbl__mistake(check, "%s is %d; it must be 1 to %d%s", name, x, SBL__MAX_SIZE,
+                 x ? "" : " (or both width and height 0 for the default)");
+}
+
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
     const int64_t rays = d->look_rays < 0 ? -(int64_t)d->look_rays : d->look_rays;
-    sbl__check_int(check, "width", d->width, 1, SBL__MAX_SIZE);
-    sbl__check_int(check, "height", d->height, 1, SBL__MAX_SIZE);
+    sbl__check_size(check, "width", d->width);
+    sbl__check_size(check, "height", d->height);
     sbl__check_int(check, "tile", d->tile, 1, 1024);
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
     sbl__check_range(check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
@@ -8898,11 +8969,25 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
+/* Checks the list of meshes of a lightmap: all have lightmap_texcoords. Without a list, one mesh of the scene must. */
+static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_desc *d, const sbl__geometry *g) {
+    int i, lightmapped = 0;
+    sbl__check_array(check, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; d->meshes && i < d->mesh_count; i++) {
+        const int mesh = d->meshes[i];
+        if (mesh < 0 || mesh >= g->mesh_count)
+            sbl__mistake(check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+        else if (!g->meshes[mesh].lightmapped)
+            sbl__mistake(check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
+    }
+    for (i = 0; i < g->mesh_count; i++) lightmapped += g->meshes[i].lightmapped;
+    if (!d->mesh_count && !lightmapped)
+        sbl__mistake(check, "no mesh of the scene has lightmap_texcoords, so there is nothing to bake");
+}
+
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
-    const sbl__geometry *g = &scene->geometry;
     sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc", 0 };
-    int i;
     if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, &picture);
@@ -8918,14 +9003,7 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
         sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most %d", d->supersample,
                      d->width, d->height, SBL__MAX_SIZE);
-    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
-    for (i = 0; d->meshes && i < d->mesh_count; i++) {
-        const int mesh = d->meshes[i];
-        if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
-        else if (!g->meshes[mesh].lightmapped)
-            sbl__mistake(&check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
-    }
+    sbl__check_lightmap_meshes(&check, d, &scene->geometry);
     return sbl__check_end(&check);
 }
 
@@ -9073,8 +9151,7 @@ static int sbl__grid_count(const int grid[3]) {
 static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
-    if (!given && d->probe_count > 0)
-        sbl__mistake(check, "probe_count is %d; positions is NULL, and there is no grid", d->probe_count);
+    if (!given) sbl__mistake(check, "positions is NULL, and there is no grid (grid is 0 0 0); set one of the two");
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
@@ -16505,6 +16582,9 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
 /* A fault of a stream. why: the words, or "" if the stream has no fault. item: the log item of the message */
 typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
 
+static const char sbl__saved_damaged[] = "the stored light is damaged";
+static const char sbl__saved_short[] = "the stored light is damaged: it ends too soon";
+
 static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
     snprintf(fault->why, sizeof fault->why, "%s", why);
     fault->item = item;
@@ -16521,7 +16601,7 @@ static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sb
     if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
     for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
     if (!differ) return;
-    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was stored for a scene with ");
+    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the light was stored for a scene with ");
     for (i = 0; i < SBL__SAVED_PARTS; i++) {
         if (parts[i] == header->parts[i]) continue;
         length = strlen(fault->why);
@@ -16538,16 +16618,16 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
     memset(header, 0, sizeof *header);
     if (!sbl__saved_transfer(stream, header, sizeof header->name) ||
         memcmp(header->name, SBL__SAVED_NAME, sizeof header->name))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is not stored light of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "the data are not stored light of sbl.h");
     else if (!sbl__saved_transfer(stream, (char *)header + sizeof header->name, sizeof *header - sizeof header->name))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
     else if (header->order != SBL__SAVED_ORDER)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written on a machine with another byte order");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light has another byte order");
     else if (header->version != SBL__SAVED_VERSION && header->version != SBL__SAVED_GROUPED)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written by another version of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is of another version of sbl.h");
     else if (header->version == SBL__SAVED_GROUPED &&
              !sbl__saved_transfer(stream, &stream->groups, sizeof stream->groups))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
     cells = header->cells;
     if (!fault->why[0] && (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 ||
                            header->cuts > most || header->leaves < 0 || header->leaves > most / 2 ||
@@ -16555,7 +16635,7 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
                            header->bright > header->leaves || stream->groups < 0 ||
                            stream->groups > SBL_MAX_LIGHT_GROUPS ||
                            (header->version == SBL__SAVED_GROUPED) != (stream->groups > 0)))
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_damaged);
 }
 
 /* Returns 1 if a reference is 0 or leads to an existing leaf or cut. from: -1, or the index of the cut that has the
@@ -16589,8 +16669,8 @@ static int sbl__saved_valid(const sbl__store *s, int groups) {
 static const char *sbl__saved_end(sbl__saved_stream *stream) {
     const uint64_t sum = stream->sum;
     uint64_t end;
-    if (!sbl__saved_transfer(stream, &end, sizeof end)) return "it ends too soon";
-    return end == sum ? NULL : "it is damaged";
+    if (!sbl__saved_transfer(stream, &end, sizeof end)) return sbl__saved_short;
+    return end == sum ? NULL : sbl__saved_damaged;
 }
 
 /* Reads the rest of another scene's stream and drops it. Returns the fault of the stream, or NULL. */
@@ -16603,7 +16683,7 @@ static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *
     uint32_t block[1024];
     while (left) {
         const size_t bytes = left < sizeof block ? (size_t)left : sizeof block;
-        if (!sbl__saved_transfer(stream, block, bytes)) return "it ends too soon";
+        if (!sbl__saved_transfer(stream, block, bytes)) return sbl__saved_short;
         left -= bytes;
     }
     return sbl__saved_end(stream);
@@ -16620,7 +16700,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     if (fault->why[0]) return SBL_ERROR_INVALID_ARGUMENT;
     sbl__saved_compare(&header, scene, fault);
     if (!fault->why[0] && stream.groups != scene->light_groups)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_damaged);
     if (fault->why[0]) why = sbl__saved_skip(&stream, &header);
     else {
         s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
@@ -16637,8 +16717,8 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
         s->cut_count = s->cut_room = header.cuts;
         s->leaf_count = s->leaf_room = header.leaves;
         s->bright_count = header.bright;
-        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : "it ends too soon";
-        if (!why && !sbl__saved_valid(s, stream.groups)) why = "it is damaged";
+        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : sbl__saved_short;
+        if (!why && !sbl__saved_valid(s, stream.groups)) why = sbl__saved_damaged;
     }
     if (why) sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, why);
     return fault->why[0] ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
@@ -16657,7 +16737,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
-        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "it is larger than this driver's tables");
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is larger than this driver's tables");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
@@ -16668,8 +16748,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
         return result;
     }
     if (s.made_for < s.max_leaves)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: it was made with at most %d "
-                 "cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: the light was stored with at "
+                 "most %d cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
     sbl__scene_glows_changed(&c->device, scene);
@@ -20267,15 +20347,18 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 
 /* >>map: channels */
 
-/* Per channel: floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is not NULL;
-   index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer has no such texture. */
-static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
-    { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
-    { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
-    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 },
-    { 1, 0, -1 }
+/* Per channel: its name; floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is
+   not NULL; index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer has no such
+   texture. */
+static const struct { const char *name; int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
+    { "FINAL", 3, 0, -1 }, { "RADIANCE", 3, 0, -1 }, { "ALBEDO", 3, SBL__GBUFFER_ALBEDO, -1 },
+    { "NORMAL", 3, 0, SBL__GBUFFER_NORMAL }, { "POSITION", 3, 0, SBL__GBUFFER_POSITION },
+    { "ID", 1, 0, SBL__GBUFFER_ID }, { "DEPTH", 1, 0, -1 }, { "SENSORS", 1, 0, -1 }, { "STORE", 3, 0, -1 },
+    { "ERROR", 1, 0, -1 }, { "OVERLAP", 1, 0, -1 }, { "SH_0", 3, 0, -1 }, { "SH_1", 3, 0, -1 }, { "SH_2", 3, 0, -1 },
+    { "SH_3", 3, 0, -1 }, { "DISPLAY", 3, 1, -1 }, { "LOOKS", 1, 0, -1 }, { "SPECULAR", 3, 0, -1 },
+    { "SPECULAR_ALBEDO", 3, SBL__GBUFFER_SPECULAR, -1 }, { "RADIANCE_ERROR", 1, 0, -1 }, { "GROUP_0", 3, 0, -1 },
+    { "GROUP_1", 3, 0, -1 }, { "GROUP_2", 3, 0, -1 }, { "GROUP_3", 3, 0, -1 }, { "GROUP_4", 3, 0, -1 },
+    { "GROUP_5", 3, 0, -1 }, { "GROUP_6", 3, 0, -1 }, { "GROUP_7", 3, 0, -1 }, { "WORK", 1, 0, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. host_pixel: index of the pixel of the host */
@@ -21565,6 +21648,9 @@ static const sbl__front_end sbl__readings_front_end = {
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this * desc.samples points */
+#define SBL__VERTICES_COARSE 512        /* a triangle of at least this part, 1 / 512, of the square of the diagonal of
+                                           the scene's bounds has at least desc.samples points, and larger ones have
+                                           more, in proportion to their area, because light can vary much on them */
 #define SBL__VERTICES_MIN_AREA 1e-9f    /* smaller areas of triangles, relative to the mean of the mesh, are raised
                                            to this, see sbl__vertices.areas */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
@@ -21599,6 +21685,7 @@ typedef struct sbl__vertices_part {
     int vertex_count, triangle_count;
     int first_hinge, hinge_count;
     double area;
+    double points_wanted;        /* number of points on a triangle of the mean area */
     double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
@@ -21824,9 +21911,9 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-/* Returns the number of points on a triangle. */
+/* Returns the number of points on a triangle of s->part. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
-    const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
+    const double wanted = (double)s->areas[triangle] * s->parts[s->part].points_wanted + 0.5;
     const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
@@ -21835,13 +21922,15 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count);
+    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->across;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
+    part->points_wanted = s->desc.samples;
+    if (across > 0) part->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
@@ -23305,6 +23394,8 @@ typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
 
+#define SBL__REFUSALS 32  /* at least the number of functions that callbacks must not call */
+
 struct sbl_context {
     sbl__core core;
 #define SBL__X(verb, noun, type) type noun;
@@ -23314,6 +23405,7 @@ struct sbl_context {
     sbl__map *map;             /* the picture or lightmap, finished or not; NULL: none */
     sbl__inspection inspection;
     sbl__inside inside;
+    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; then NULL */
     sbl__egl egl;
 };
 
@@ -23343,6 +23435,16 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
+/* Returns 1 if the refusal of this function was not yet logged since the work was begun, and remembers it: a callback
+   may repeat its mistake after each piece of work. */
+static int sbl__first_refusal(sbl_context *c, const char *function) {
+    int i = 0;
+    while (i < SBL__REFUSALS && c->refused[i] && strcmp(c->refused[i], function)) i++;
+    if (i == SBL__REFUSALS || c->refused[i]) return 0;
+    c->refused[i] = function;
+    return 1;
+}
+
 /* Returns SBL_SUCCESS if c is not NULL, c->inside is at most `most`, the context's own GL context, if any, can be made
    current and, if scene is 1, a scene is set. Otherwise returns an error and, unless c is NULL, logs it. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
@@ -23351,7 +23453,8 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
     inside = c->inside;
     if (inside > most) {
         c->inside = SBL__INSIDE_REFUSAL;
-        if (inside != SBL__INSIDE_REFUSAL)  /* a logger that calls the function again must not cause a recursion */
+        if (inside != SBL__INSIDE_REFUSAL &&  /* a logger that calls the function again must not cause a recursion */
+            sbl__first_refusal(c, function))
             sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
                         "callback return first (progress: return nonzero to cancel)");
         c->inside = inside;
@@ -23435,7 +23538,10 @@ static sbl_result sbl__compile_all(sbl__device *d) {
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
+    /* if a canary shows that the struct was not zeroed, its logger and allocator may be no functions */
+    const int zeroed = !desc || (!desc->start_canary && !desc->end_canary);
     sbl_context_desc d = sbl_context_desc_defaults(desc);
+    const sbl_context_desc defaults = sbl_context_desc_defaults(NULL);
     sbl__egl before;
     sbl__visit visit;
     sbl__base base;
@@ -23443,8 +23549,8 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_result result;
     memset(&base, 0, sizeof base);
     memset(&before, 0, sizeof before);
-    base.allocator = d.allocator;
-    base.logger = d.logger;
+    base.allocator = zeroed ? d.allocator : defaults.allocator;
+    base.logger = zeroed ? d.logger : defaults.logger;
     base.budget = d.memory_budget;
     if (!out) {
         sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
@@ -23616,6 +23722,7 @@ static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f
     sbl__abandon(c);
     if (f->is_map && c->map) sbl__drop(c, &c->map->work);
     sbl__core_begin(&c->core, &measurement);
+    memset(c->refused, 0, sizeof c->refused);
     c->work = (sbl__work *)work;
     if (f->is_map) c->map = (sbl__map *)work;
     result = sbl__work_begin(c->work, f, &c->core, &measurement, desc);
@@ -23762,12 +23869,12 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
-    if (!components || !out)
-        sbl__mistake(&check, "channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1,
-                     out ? "given" : "NULL");
-    else if (float_count < pixels * (size_t)components)
-        sbl__mistake(&check, "float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
-                     (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
+    if (!components) sbl__mistake(&check, "channel is %d; 0 to %d exist", (int)channel, SBL_CHANNEL_COUNT - 1);
+    if (!out) sbl__mistake(&check, "out is NULL; it receives the channel");
+    if (float_count < pixels * (size_t)components)
+        sbl__mistake(&check, "float_count is %.0f; SBL_CHANNEL_%s of %d x %d pixels needs %.0f floats",
+                     (double)float_count, sbl__channels[channel].name, c->map->size[0], c->map->size[1],
+                     (double)pixels * components);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel", channel);
     if (result != SBL_SUCCESS) return result;

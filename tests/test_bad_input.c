@@ -2,12 +2,14 @@
    that are too small, cancelling, and abandoning work. For each mistake the tests check the result, and a message that
    names the place, the field and the value. They also check that nothing has changed or leaked: the context must still
    render a known picture, equal to the bit. */
+#define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
 #include "support/gl_scene.h"
 #include <limits.h>
+#include <unistd.h>
 
 #define INF ((float)HUGE_VAL)
 #define NOT ((float)NAN)
@@ -93,8 +95,6 @@ static int has_no_bounds(const sbl_context *c) {
 
 /* sbl_create refuses each invalid field of sbl_context_desc with a message that names the field and the value. */
 TEST(context_desc) {
-    BAD_CONTEXT(d.start_canary = 0xabc, "start_canary", "abc");
-    BAD_CONTEXT(d.end_canary = 0xabc, "end_canary", "abc");
     BAD_CONTEXT(d.allocator.free = NULL, "allocator.free", "NULL");
     BAD_CONTEXT(d.allocator.alloc = NULL, "allocator.alloc", "NULL");
     BAD_CONTEXT(d.disabled = 0x80000000u, "disabled", "0x80000000");
@@ -106,6 +106,39 @@ TEST(context_desc) {
     BAD_CONTEXT(d.batch = -1, "batch", "-1");
     BAD_CONTEXT(d.batch = INT_MIN, "batch", "-2147483648");
     usable("bad context descriptors");
+}
+
+/* The logger and the allocator of a struct that was not zeroed are no functions. The message goes to stderr. */
+TEST(context_desc_not_zeroed) {
+    int way;
+    for (way = 0; way < 4; way++) {  /* a byte of every field, either canary, and no place for the context */
+        sbl_context_desc d = watch_desc(&seen);
+        sbl_context *out = (sbl_context *)&seen;
+        char text[256] = "";
+        FILE *said = tmpfile();
+        const int before = dup(2);
+        sbl_result result;
+        if (!said) abort();
+        if (way == 0 || way == 3) memset(&d, 0xcc, sizeof d);
+        if (way == 1) d.start_canary = 0xabc;
+        if (way == 2) d.end_canary = 0xabc;
+        watch_forget(&seen);
+        fflush(stderr);
+        dup2(fileno(said), 2);
+        result = sbl_create(&d, way < 3 ? &out : NULL);
+        fflush(stderr);
+        dup2(before, 2);
+        close(before);
+        rewind(said);
+        text[fread(text, 1, sizeof text - 1, said)] = 0;
+        fclose(said);
+        CHECK(result == SBL_ERROR_INVALID_ARGUMENT && (way == 3 || !out), "way %d: \"%s\"", way,
+              sbl_result_string(result));
+        CHECK(!strncmp(text, "sbl: error: ", 12) && strstr(text, way == 3 ? "out is NULL" : "zero the whole struct") &&
+              strstr(text, way == 0 ? "cccccccc" : way < 3 ? "abc" : ""), "way %d says on stderr: %s", way, text);
+        CHECK(!seen.count, "way %d calls the logger of the struct: %s", way, watch_last(&seen));
+    }
+    usable("context descriptors that were not zeroed");
 }
 
 /* Four invalid fields cause four messages. */
@@ -237,9 +270,9 @@ TEST(scene_desc) {
     int i, k;
     BAD_SCENE(f.scene.start_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "start_canary", "abc");
     BAD_SCENE(f.scene.end_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "end_canary", "abc");
-    BAD_SCENE(f.scene.mesh_count = -1, SCENE_DESC, "sbl_scene_desc", "mesh_count", "-1");
+    BAD_SCENE(f.scene.mesh_count = -1, SCENE_DESC, "sbl_scene_desc", "mesh_count is -1; it must not be", "negative");
     BAD_SCENE(f.scene.mesh_count = INT_MIN, SCENE_DESC, "sbl_scene_desc", "mesh_count", "-2147483648");
-    BAD_SCENE(f.scene.meshes = NULL, SCENE_DESC, "sbl_scene_desc", "mesh_count is 2", "NULL");
+    BAD_SCENE(f.scene.meshes = NULL, SCENE_DESC, "sbl_scene_desc", "mesh_count is 2, but the array is", "NULL");
     BAD_SCENE(f.scene.material_count = -1, SCENE_DESC, "sbl_scene_desc", "material_count", "-1");
     BAD_SCENE(f.scene.materials = NULL, SCENE_DESC, "sbl_scene_desc", "material_count is 2", "NULL");
     BAD_SCENE(f.scene.texture_count = -1, SCENE_DESC, "sbl_scene_desc", "texture_count", "-1");
@@ -408,7 +441,9 @@ TEST(materials) {
         BAD_SCENE(f.materials[1].emission[i] = -4, MATERIAL, "material 1", field, "-4");
     }
     BAD_SCENE(f.materials[1].albedo_texture = -1, MATERIAL, "material 1", "albedo_texture", "-1");
-    BAD_SCENE(f.materials[1].albedo_texture = 3, MATERIAL, "material 1", "albedo_texture", "3");
+    BAD_SCENE(f.materials[1].albedo_texture = 3, MATERIAL, "material 1", "albedo_texture is 3", "0, for none, to 2");
+    BAD_SCENE((f.scene.textures = NULL, f.scene.texture_count = 0, f.materials[1].albedo_texture = 1), MATERIAL,
+              "material 1", "albedo_texture is 1", "the scene has no textures");
     BAD_SCENE(f.materials[1].albedo_texture = INT_MAX, MATERIAL, "material 1", "albedo_texture", "2147483647");
     BAD_SCENE(f.materials[1].emission_texture = -1, MATERIAL, "material 1", "emission_texture", "-1");
     BAD_SCENE(f.materials[1].emission_texture = 3, MATERIAL, "material 1", "emission_texture", "3");
@@ -844,7 +879,7 @@ TEST(picture_desc) {
     BAD_PICTURE(d.width = -1, "width", "-1");
     BAD_PICTURE(d.width = 16385, "width", "16385");
     BAD_PICTURE(d.width = INT_MIN, "width", "-2147483648");
-    BAD_PICTURE(d.height = 0, "height", "0");
+    BAD_PICTURE(d.height = 0, "height is 0; it must be 1 to 16384", "both width and height 0 for the default");
     BAD_PICTURE(d.height = -1, "height", "-1");
     BAD_PICTURE(d.height = INT_MAX, "height", "2147483647");
     BAD_PICTURE(d.options.mode = (sbl_mode)-1, "options.mode", "-1");
@@ -1036,7 +1071,7 @@ TEST(null_parameters) {
     SAID(sbl_set_mesh_transform(context, 8, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
          "sbl_set_mesh_transform", "mesh is 8");
     SAID(sbl_read_channel(context, SBL_CHANNEL_FINAL, NULL, 1000000), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
-         "sbl_read_channel", "out");
+         "sbl_read_channel", "out is NULL; it receives the channel");
     SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
          "sbl_inspect_sensor", "sensor");
     SAID(sbl_save_store(context, NULL, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_save_store", "put");
@@ -1296,7 +1331,7 @@ TEST(giving_up_midway) {
 
 typedef struct meddler {
     sbl_context *context;
-    int which, calls, refused, read;
+    int which, calls, refused, said, read;
 } meddler;
 
 enum { MEDDLINGS = 20 };
@@ -1362,7 +1397,8 @@ static int meddle(meddler *m) {
         case 18: sbl_end(c); result = SBL_ERROR_STATE; break;
         default: sbl_destroy(c); result = SBL_ERROR_STATE; break;
     }
-    if (sbl_query_stats(c).scene.triangles > 0 && result == SBL_ERROR_STATE && seen.errors == errors + 1) m->refused++;
+    if (sbl_query_stats(c).scene.triangles > 0 && result == SBL_ERROR_STATE) m->refused++;
+    m->said += seen.errors - errors;
     if (sbl_read_channel(c, SBL_CHANNEL_RADIANCE, values, 3 * SMALL_PIXELS) == SBL_SUCCESS) m->read++;
     return 0;
 }
@@ -1374,8 +1410,8 @@ static void meddling_draw(const sbl_draw_view *drawn, void *user) {
     meddle((meddler *)user);
 }
 
-/* A call of sbl.h from inside a callback is refused and has no effect. The picture equals that without such calls, to
-   the bit. */
+/* A call of sbl.h from inside a callback is refused and has no effect. It is logged once for each piece of work, though
+   the callback repeats it. The picture equals that without such calls, to the bit. */
 TEST(callbacks_that_call_back) {
     static small_picture plain, other;
     sbl_scene_desc scene = scene_desc(&small);
@@ -1385,7 +1421,7 @@ TEST(callbacks_that_call_back) {
         view.options.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
         for (which = -1; which < MEDDLINGS; which++) {  /* -1 makes no call */
-            meddler m = { NULL, 0, 0, 0, 0 };
+            meddler m = { NULL, 0, 0, 0, 0, 0 };
             sbl_result result;
             m.context = context;
             m.which = which;
@@ -1413,6 +1449,7 @@ TEST(callbacks_that_call_back) {
                   way, which, sbl_result_string(result));
             CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused,
                   m.calls);
+            CHECK(m.said == 1, "way %d, call %d: %d messages for %d calls", way, which, m.said, m.calls);
             CHECK((m.read > 0) == (way < 2), "way %d, call %d: %d channels were read", way, which, m.read);
         }
         view.options.progress = NULL;

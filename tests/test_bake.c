@@ -391,7 +391,7 @@ TEST(wrong_command_lines_are_refused) {
     REFUSED(1, "cannot be read: Is a directory", "none.gltf", "--probes", "folder.txt", "-o", "no.json");
     REFUSED(1, "--store pipe.txt: it is a pipe", "room.gltf", "--probes", "2x2x2", "-o", "no.json", "--store",
             "pipe.txt");
-    REFUSED(1, "--store bad.json: it is not stored light", "room.gltf", "--probes", "2x2x2", "-o", "no.json",
+    REFUSED(1, "--store bad.json: the data are not stored light", "room.gltf", "--probes", "2x2x2", "-o", "no.json",
             "--store", "bad.json", "--store-replace");
     REFUSED(1, "pipe.txt: it is a pipe", "pipe.txt", "--probes", "2x2x2", "-o", "no.json");
     write_text("bad.txt", "1 2 3\n\n# none\n4 5\n");

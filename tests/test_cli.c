@@ -912,18 +912,19 @@ TEST(stores_are_not_overwritten) {
             ran.status, ran.err);
     copy_store("old.sbl", SIZE_MAX);
     copy_store("cut.sbl", 3000);
-    REFUSED("light.sbl: it was stored for a scene with another sky; --store-replace", "--store", "light.sbl");
+    REFUSED("light.sbl: the light was stored for a scene with another sky; --store-replace", "--store", "light.sbl");
     CHECK(same_bytes("light.sbl", "old.sbl"), "the store of another scene is not as it was");
     for (i = 0; i < 3; i++) {
         write_text("notes.txt", data + 9 * (i == 2));
         if (i < 2) {
-            REFUSED("notes.txt: it is not stored light", "--store", "notes.txt", i ? "--store-replace" : "--quiet");
-            REFUSED("cut.sbl: it ends too soon; such a file is never", "--store", "cut.sbl",
-                    i ? "--store-replace" : "--quiet");
+            const char *option = i ? "--store-replace" : "--quiet";
+            REFUSED("notes.txt: the data are not stored light", "--store", "notes.txt", option);
+            REFUSED("cut.sbl: the stored light is damaged: it ends too soon; such a file is never", "--store",
+                    "cut.sbl", option);
         } else CHECK(TOOL(RED_ROOM, "--store", "notes.txt", "-o", "made.pfm") == 0 && ran.err_lines == 0,
                      "an empty file: exit status %d: %s", ran.status, ran.err);
     }
-    REFUSED("it is not stored light", "--store", "made.pfm", "--store-replace");
+    REFUSED("the data are not stored light", "--store", "made.pfm", "--store-replace");
     mkfifo(in_folder("store.pipe"), 0666);
     mkdir(in_folder("sub"), 0777);
     for (i = 0; i < 5; i++)

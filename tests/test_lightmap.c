@@ -784,8 +784,8 @@ TEST(charts_outside_are_named) {
     strange(here, far_off, SBL_LOG_ITEM_OUTSIDE, "lightmap");
 }
 
-/* NaN in map coordinates and coordinates of an integer type are mistakes of the scene. A map without any mesh is empty,
-   with a warning. */
+/* NaN in map coordinates and coordinates of an integer type are mistakes of the scene. If no mesh has coordinates, the
+   bake is refused, and a former map stays. If all lie outside of the map, it is empty, with a warning. */
 TEST(bad_coordinates_are_mistakes) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
@@ -796,11 +796,20 @@ TEST(bad_coordinates_are_mistakes) {
     memset(&s, 0, sizeof s);
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
     scene_sky(&s, 1, 1, 1);
+    REQUIRE(use_scene(&s) && sbl_render_picture(context, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_bake_lightmap(context, &desc) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc",
+                     "no mesh of the scene has lightmap_texcoords", NULL), "%s", watch_last(&seen));
+    CHECK(!sbl_lightmap_bytes(context, &desc) && sbl_channel_texture(context, SBL_CHANNEL_FINAL),
+          "the picture is gone");
+    for (i = 0; i < 8; i++) uv[i] += 2;
+    uv_set(&s, &s.meshes[0], uv);
     light = bake(&s, &desc);
     for (i = 0; light && i < 32 * 32 * 3; i++) lit += light[i] != 0;
-    CHECK(lit == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "lightmap_texcoords", NULL,
-                                 NULL), "%s", watch_last(&seen));
+    CHECK(light && lit == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "lightmap_texcoords",
+                                          NULL, NULL), "%s", watch_last(&seen));
     free(light);
+    for (i = 0; i < 8; i++) uv[i] -= 2;
     uv[5] = (float)NAN;
     uv_set(&s, &s.meshes[0], uv);
     scene = scene_desc(&s);

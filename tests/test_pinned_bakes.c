@@ -402,8 +402,8 @@ static const hash llvmpipe_15[CASES] = {
     0xfa0af1ccdfce2429u,  /* directional_lightmap */
     0x6788cd94cdee181cu,  /* grouped_lightmap */
     0xdd5916a39f4bc851u,  /* joined_lightmap */
-    0xe3ae5e2aa68759bcu,  /* fitted_vertices */
-    0xf39bdfc2639545ccu,  /* averaged_vertices */
+    0xbf7fc1d52c57c28fu,  /* fitted_vertices */
+    0xc5989224b05fc9c0u,  /* averaged_vertices */
     0xbcc8eede06ff6b4eu,  /* traced_readings */
     0x2b34975022f5bb85u,  /* short_readings */
     0x67d03aecfee07872u,  /* rasterised_readings */

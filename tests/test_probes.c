@@ -597,6 +597,9 @@ TEST(every_field_is_checked) {
     d = good; d.probes = NULL; refused(d, "probes is NULL");
     d = good; d.probe_count = -1; refused(d, "probe_count is -1");
     d = good; d.positions = NULL; refused(d, "no grid");
+    d.probe_count = 0; refused(d, "positions is NULL, and there is no grid");
+    d.probes = NULL; refused(d, "no grid");
+    d.positions = at; CHECK(sbl_bake_probes(context, &d) == SBL_SUCCESS, "an empty list: %s", watch_last(&seen));
     d = good; d.options.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
     d = good; d.options.mode = (sbl_mode)99; refused(d, "options.mode");
     d = good; d.options.preset = (sbl_preset)-1; refused(d, "options.preset");
@@ -637,8 +640,7 @@ TEST(every_field_is_checked) {
     CHECK(i == (int)sizeof probes, "a refused call wrote to the probes");
     CHECK(sbl_begin_probes(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_probes(NULL, NULL) ==
           SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
-    CHECK(sbl_bake_probes(context, NULL) == SBL_SUCCESS && sbl_progress(context) == 1,
-          "a NULL descriptor does not mean no probes");
+    CHECK(sbl_bake_probes(context, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a NULL descriptor, without a grid, succeeds");
     CHECK(sbl_create(&watched, &empty) == SBL_SUCCESS && sbl_bake_probes(empty, &good) == SBL_ERROR_STATE,
           "probes are begun without a scene");
     sbl_destroy(empty);
