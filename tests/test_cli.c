@@ -1649,12 +1649,23 @@ TEST(dropped_parts_of_gltf_are_named) {
     static const char *const lines[] = { "EXT_mesh_gpu_instancing is ignored: each of its meshes stands only once",
         "KHR_node_visibility is ignored: hidden nodes are shown",
         "nodes whose scale is 0 along an axis are left out (1 node)" };
+    static const char *const more_lines[] = {
+        "it requires ACME_world, which is not known: parts of the scene can be wrong or missing",
+        "material without name: its index of refraction is 0.5, but glTF allows only 0 and values from 1 on; 1 is "
+        "used" };
     char more[256];
     int i;
     materials_gltf(MATTE "}", "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\",\"KHR_node_visibility\"],"
                    "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[1,0,1]}],\"scenes\":[{\"nodes\":[0,1]}]");
     TOOL("squares.gltf", SQUARES);
     check_warnings("squares.gltf", lines, 3);
+    materials_gltf(MATTE "},\"extensions\":{\"KHR_materials_ior\":{\"ior\":0.5}}",
+                   "\"extensionsRequired\":[\"KHR_lights_punctual\",\"KHR_materials_ior\",\"ACME_world\"],"
+                   "\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", more_lines, 2);
+    TOOL("squares.gltf", SQUARES, "--materials", "matte");
+    check_warnings("squares.gltf", more_lines, 1);
     for (i = 0; i < 3; i++) {
         sprintf(more, "\"extensionsRequired\":[\"%s\"],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]",
                 refused[i]);
