@@ -142,8 +142,8 @@ static double scene__ior_of(const cJSON *extensions) {
 static void scene__check_ior(scene_file *file, const cJSON *material, const char *name) {
     const cJSON *ior = scene__item(scene__item(scene__item(material, "extensions"), "KHR_materials_ior"), "ior");
     if (!file->matte && cJSON_IsNumber(ior) && ior->valuedouble < 1 && ior->valuedouble != 0.0)
-        scene__warn(file, "material %.100s: its index of refraction is %g, but glTF allows only 0 and values from 1 on; "
-                    "1 is used", name, ior->valuedouble);
+        scene__warn(file, "material %.100s: its index of refraction is %g, but glTF allows only 0 and values from 1 "
+                    "on; 1 is used", name, ior->valuedouble);
 }
 
 /* Returns the SCENE__TOLD_ bits of a material of the file. */
@@ -375,7 +375,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     if (scene__mentions(bytes, "lightmapScaleOffset") || scene__mentions(bytes, "lightmapIndex"))
         scene__warn(file, "this program was built without cJSON: places in a lightmap (extras) are ignored");
     if (scene__mentions(bytes, "extensionsRequired"))
-        scene__warn(file, "this program was built without cJSON: the extensions that the file requires are not checked");
+        scene__warn(file, "this program was built without cJSON: extensions that the file requires are not checked");
     if (file->frames_asked)
         scene__fail(file, "this program was built without cJSON, which reading an animated camera needs");
 #endif

@@ -4,7 +4,7 @@
 #define _DEFAULT_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
-#include <ctype.h>
+#include "../examples/tool_words.h"
 #include <math.h>
 #include <poll.h>
 #include <stdarg.h>
@@ -1676,6 +1676,66 @@ TEST(dropped_parts_of_gltf_are_named) {
     }
 }
 
+/* Copies the texts from `at` to the next semicolon that is not in a text, each with a line end, and returns their end.
+   Adjacent texts are one text. */
+static const char *literals(const char *at, char *out, size_t size) {
+    size_t used = 0;
+    int inside = 0;
+    for (; *at && (inside || *at != ';'); at++) {
+        if (*at == '"') inside = !inside;
+        else if (inside && *at == '\\') at++;
+        else if (inside && used + 1 < size) out[used++] = *at;
+        if (!inside && *at == '"' && used + 1 < size) out[used++] = '\n';
+        if (!inside && *at == '"' && at[1 + strspn(at + 1, " \n")] == '"') used--;
+    }
+    out[used] = 0;
+    return at;
+}
+
+/* Returns 1 if a text contains a name of C: letters around an underscore. */
+static int has_c_name(const char *text) {
+    const char *at;
+    for (at = strchr(text, '_'); at; at = strchr(at + 1, '_'))
+        if (at > text && isalnum((unsigned char)at[-1]) && isalpha((unsigned char)at[1])) return 1;
+    return 0;
+}
+
+/* Messages of sbl.h that a tool passes on name options instead of C names. Every text that the tools replace exists in
+   sbl.h. Messages about descriptors are excepted if tools check these fields themselves. */
+TEST(messages_name_no_fields) {
+    static const char *const unreachable[] = { "sbl_context_desc.memory_budget", "gl_texture", "call sbl_set_scene",
+        "get_gl_function is NULL", "sbl_create: out" };
+    static char source[2000000], joined[sizeof source], text[4096], out[4096];
+    size_t i, k, used = 0;
+    int lines, messages = 0;
+    const char *at;
+    read_text("sbl.h", source, sizeof source, &lines);
+    for (at = strstr(source, "#ifdef SBL_IMPLEMENTATION\n"); at && *at; at++) {
+        if (*at == '"' && at[1 + strspn(at + 1, " \n")] == '"') at += 1 + strspn(at + 1, " \n");
+        else joined[used++] = *at;
+    }
+    REQUIRE(used > 500000, "sbl.h cannot be read");
+    for (i = 0; i < sizeof tool__words / sizeof *tool__words; i++)
+        CHECK(strstr(joined, tool__words[i][0]), "no message of sbl.h says \"%s\"", tool__words[i][0]);
+    for (at = source; (at = strstr(at, "sbl__log(")) != NULL; messages++) {
+        at = literals(at, text, sizeof text);
+        for (k = 0; k < sizeof unreachable / sizeof *unreachable && !strstr(text, unreachable[k]); k++) continue;
+        tool_translate(out, sizeof out, text);
+        CHECK(k < sizeof unreachable / sizeof *unreachable || !has_c_name(out), "a tool says: %s", out);
+    }
+    CHECK(messages > 40, "%d messages", messages);
+    tool_translate(out, sizeof out, "sbl_picture_desc: options.rays is 5000; it must be 1 to 4096");
+    CHECK(strcmp(out, "--rays is 5000; it must be 1 to 4096") == 0, "%s", out);
+    tool_translate(out, sizeof out, "my_target_error target_errors target_error: target_error");
+    CHECK(strcmp(out, "my_target_error target_errors --target-error: --target-error") == 0, "%s", out);
+    tool_translate(out, 12, "target_error is 7");
+    CHECK(strcmp(out, "--target-er") == 0, "%s", out);
+    wall_obj();
+    TOOL("wall.obj", "--eye", "0,0,1", "--look-at", "0,0,5", SMALL, WALL_SIZE, "-o", "away.pfm");
+    CHECK(ran.status == 0 && strstr(ran.err, "the camera sees no surface; check --eye, --look-at, --up and --fov\n"),
+          "exit %d: %s", ran.status, ran.err);
+}
+
 /* An .obj file without its .mtl file is rendered in grey, with a warning. assimp also looks for an .mtl file with the
    name of the .obj file. */
 TEST(missing_mtl_files_are_named) {
@@ -2534,6 +2594,7 @@ int main(int argc, char **argv) {
     RUN(choices_are_printed);
     RUN(wrong_usage_gives_status_2);
     RUN(failures_give_status_1);
+    RUN(messages_name_no_fields);
     RUN(obj_materials_and_textures);
     RUN(gltf_materials_and_camera);
     RUN(glb_materials_and_camera);

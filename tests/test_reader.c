@@ -580,8 +580,8 @@ TEST(gloss_of_other_formats) {
    are. */
 TEST(grey_without_material) {
 #define PLY(columns, values, more) "ply\nformat ascii 1.0\n" more "element vertex 3\nproperty float x\n" \
-    "property float y\nproperty float z\n" columns "element face 1\nproperty list uchar int vertex_indices\nend_header\n" \
-    "0 0 0" values "\n1 0 0" values "\n0 1 0" values "\n3 0 1 2\n"
+    "property float y\nproperty float z\n" columns "element face 1\nproperty list uchar int vertex_indices\n" \
+    "end_header\n0 0 0" values "\n1 0 0" values "\n0 1 0" values "\n3 0 1 2\n"
     static const struct { const char *name, *text; double albedo; } files[] = {
         { "bare.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 0.6 },
         { "bare.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", 0.6 },
