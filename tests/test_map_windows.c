@@ -112,6 +112,28 @@ TEST(one_window_joins_to_the_map) {
     scene_free(&s);
 }
 
+/* Seams stay if the descriptor says so, or if it has no gutter: the joined map is to the bit the map baked at once. */
+TEST(joined_seams_can_stay) {
+    static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } };
+    static test_scene s;
+    int i, k;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    for (i = 0; i < 2; i++) {
+        sbl_lightmap_desc desc = ball_map(1);
+        sbl_windows_desc joining;
+        if (i) desc.seams = -1;
+        else desc.gutter = -1;
+        joining = joining_of(&desc);
+        if (!bake_whole(&desc) || !bake_windows(desc, all, 1)) break;
+        CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_query_stats(context).lightmap.seams == 0, "%d seams", sbl_query_stats(context).lightmap.seams);
+        for (k = 0; k < LAYERS; k++)
+            CHECK(memcmp(light[k], whole[k], sizeof light[k]) == 0, "layer %d, %s", k, i ? "seams -1" : "no gutter");
+    }
+    scene_free(&s);
+}
+
 /* If only some meshes are baked, only seams between these meshes are joined. */
 TEST(chosen_meshes_are_joined) {
     static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } }, meshes[4] = { 0, 1, 8, 20 };
@@ -402,6 +424,7 @@ TEST(memory_runs_out) {
 
 int main(void) {
     RUN(one_window_joins_to_the_map);
+    RUN(joined_seams_can_stay);
     RUN(chosen_meshes_are_joined);
     RUN(windows_show_the_map);
     RUN(windows_join_to_the_map);
