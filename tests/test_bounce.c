@@ -1443,6 +1443,36 @@ TEST(draw_callback_receives_the_ambient_light) {
     scene_free(&s);
 }
 
+/* A lamp that is little wider than a texel of the views stands close beside the outline of what the host draws. It is
+   not hidden, so R is nearly that of the lamp alone. */
+TEST(lamps_beside_what_the_host_draws) {
+    enum { SITES = 32 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    double alone = 0, beside = 0;
+    int i;
+    REQUIRE(host_gl_open("test_bounce"), "no GL");
+    drawn.albedo = drawn.emission = 0;
+    for (i = 0; i < 2; i++) {
+        const float x = i ? -0.88f : 0.88f, corners[9] = { x, 1, 0, x + (i ? -0.2f : 0.2f), 1, 0, x, 1, 0.2f };
+        scene_mesh(&s, scene_lamp(&s, 9, 9, 9), corners, NULL, NULL, 3, NULL, 0);
+    }
+    if (!use_scene(&s, 4096)) return;
+    site_count = 0;
+    for (i = 0; i < SITES; i++) add_site(0, -1, 0, 0, 1, 0, 1);
+    if (gather(SBL_MODE_DIRECT, SBL_BACKEND_TRACE, 64)) alone = mean_of(0, SITES, 0);
+    scene = scene_desc(&s);
+    scene.draw = draw_box;
+    for (i = 0; i < 3; i++) { scene.draw_bounds[0][i] = -0.3f; scene.draw_bounds[1][i] = 0.3f; }
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64),
+            "no light: %s", watch_last(&seen));
+    beside = mean_of(0, SITES, 0);
+    printf("  R is %.5f, without a box %.5f\n", beside, alone);
+    CHECK(alone > 0 && fabs(beside / alone - 1) < 0.01, "R is %g, without a box %g", beside, alone);
+    host_gl_close();
+    scene_free(&s);
+}
+
 /* Rasterised light is proportional to the emission of the lamp over 18 orders of magnitude, although the texels of
    views have 16 bits per channel. */
 TEST(light_of_any_strength) {
@@ -1789,6 +1819,7 @@ int main(void) {
     RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
     RUN(draw_callback_receives_the_ambient_light);
+    RUN(lamps_beside_what_the_host_draws);
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);
