@@ -649,7 +649,7 @@ TEST(dropped_glows_are_ordinary) {
           scene.bright.glow_count, bright, kept);
 }
 
-/* Returns the area of a glow, negative if the order of its corners is clockwise in x and y. All corners have z = 0.5. */
+/* Returns the area of a glow, negative if its corners run clockwise in x and y. All corners have z = 0.5. */
 static double glow_area(const sbl__glow *g) {
     const float *a = g->corner_0, *b = g->corner_1, *c = g->corner_2;
     CHECK(fabs((double)(a[2] + b[2] + c[2]) - 1.5) < 1e-6, "a glow has left its triangle");
