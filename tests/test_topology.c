@@ -649,6 +649,41 @@ TEST(dropped_glows_are_ordinary) {
           scene.bright.glow_count, bright, kept);
 }
 
+/* A grazing vertex normal is bent until its cosine with the triangle's normal is 0.01, on the side that it points to.
+   A steeper normal stays as it is. */
+TEST(grazing_normals_are_bent) {
+    static const struct { double height, expected; } cases[] = {
+        { 0.004, 0.01 }, { -0.004, 0.01 }, { 0.009, 0.01 }, { 0.3, 0.3 }, { -1, 1 } };
+    static const double weights[3] = { 0.2, 0.3, 0.5 };
+    const uint32_t indices[3] = { 0, 1, 2 };
+    sbl__vertex vertices[3];
+    sbl__attributes attributes[3];
+    sbl__geometry g;
+    int i, k;
+    memset(vertices, 0, sizeof vertices);
+    memset(attributes, 0, sizeof attributes);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.attributes = attributes;
+    g.indices = (uint32_t *)(uintptr_t)indices;
+    vertices[1].position[0] = vertices[2].position[1] = 1;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        const double height = cases[i].height;
+        sbl_site site;
+        double cosine = 0;
+        for (k = 0; k < 3; k++) {
+            attributes[k].normal[0] = (float)sqrt(1 - height * height);
+            attributes[k].normal[2] = (float)height;
+        }
+        sbl__surface_site(&g, 0, weights, &site);
+        for (k = 0; k < 3; k++) cosine += (double)site.normal[k] * (double)site.geometric_normal[k];
+        CHECK(fabs(cosine - cases[i].expected) < 1e-6, "height %g: the cosine is %g, expected %g", height, cosine,
+              cases[i].expected);
+        CHECK(site.geometric_normal[2] * (float)height > 0 && fabs((double)site.position[1] - 0.5) < 1e-6,
+              "height %g: the side is %g, y %g", height, (double)site.geometric_normal[2], (double)site.position[1]);
+    }
+}
+
 /* Returns the area of a glow, negative if its corners run clockwise in x and y. All corners have z = 0.5. */
 static double glow_area(const sbl__glow *g) {
     const float *a = g->corner_0, *b = g->corner_1, *c = g->corner_2;
@@ -761,5 +796,6 @@ int main(void) {
     RUN(sensors_keep_the_variance_of_a_look);
     RUN(dropped_glows_are_ordinary);
     RUN(glows_cover_their_cell);
+    RUN(grazing_normals_are_bent);
     return test_report();
 }
