@@ -1449,6 +1449,7 @@ TEST(lamps_beside_what_the_host_draws) {
     enum { SITES = 32 };
     test_scene s = { 0 };
     sbl_scene_desc scene;
+    sbl_readings_desc single;
     double alone = 0, beside = 0;
     int i;
     REQUIRE(host_gl_open("test_bounce"), "no GL");
@@ -1469,6 +1470,19 @@ TEST(lamps_beside_what_the_host_draws) {
     beside = mean_of(0, SITES, 0);
     printf("  R is %.5f, without a box %.5f\n", beside, alone);
     CHECK(alone > 0 && fabs(beside / alone - 1) < 0.01, "R is %g, without a box %g", beside, alone);
+    /* a box that shines has the same size in the single view of 135 degrees as in the views of a hemicube */
+    drawn.emission = 1;
+    scene.draw_max_radiance = 1;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64),
+            "no light: %s", watch_last(&seen));
+    beside = mean_of(0, SITES, 0);
+    single = readings_of(SBL_MODE_DIRECT, SBL_BACKEND_RASTER);
+    single.sensor_kind = SBL_SENSOR_SINGLE;
+    single.options.sensor_size = 32;
+    REQUIRE(sbl_gather_readings(context, &single) == SBL_SUCCESS, "no light: %s", watch_last(&seen));
+    alone = mean_of(0, SITES, 0);
+    printf("  the box shines: R is %.4f, in a single view %.4f\n", beside, alone);
+    CHECK(beside > 0.1 && fabs(beside / alone - 1) < 0.05, "R is %g, in a single view %g", beside, alone);
     host_gl_close();
     scene_free(&s);
 }
