@@ -1840,8 +1840,9 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc 
 /* Works on whatever was begun last; see ON TIME.
    seconds: roughly how long to work; 0 or less: until the work is done.
    Results: SUCCESS (the work is done), UNFINISHED (call again), CANCELLED, STATE (nothing was begun, or it was
-   dropped), INVALID_ARGUMENT (no triangle has area in the lightmap), OUT_OF_MEMORY, UNSUPPORTED (too many looks, or
-   views too large, for the driver's textures), GL. After CANCELLED or an error the work is dropped. */
+   dropped), INVALID_ARGUMENT (no triangle has area in the lightmap, or an array of windows holds a number that is not
+   finite), OUT_OF_MEMORY, UNSUPPORTED (too many looks, or views too large, for the driver's textures), GL. After
+   CANCELLED or an error the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
 /* Returns how much of the work is done, 0 to 1 (estimated: refinement may find more), or 0 if nothing was begun. */
@@ -9029,6 +9030,9 @@ static sbl_result sbl__check_windows(const sbl__base *base, const sbl_windows_de
         if (!d->groups[i]) sbl__mistake(&check, "groups[%d] is NULL", i);
     if ((double)d->texel_count < texels)
         sbl__mistake(&check, "texel_count is %.0f; the map has %.0f texels", (double)d->texel_count, texels);
+    for (i = 0; i < scene->geometry.mesh_count && !scene->geometry.meshes[i].lightmapped; i++) continue;
+    if (i == scene->geometry.mesh_count)
+        sbl__mistake(&check, "no mesh of the scene has lightmap_texcoords; the scene must be that of the windows");
     return sbl__check_end(&check);
 }
 
@@ -21369,8 +21373,8 @@ static const sbl__front_end sbl__lightmap_front_end = {
    The front end that joins the windows of a lightmap. The host has put them together; this front end makes the gutters
    and seams of the whole map, layer by layer. */
 
-enum { SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE, SBL__WINDOWS_SHARES,
-       SBL__WINDOWS_DONE };
+enum { SBL__WINDOWS_CHECK, SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE,
+       SBL__WINDOWS_SHARES, SBL__WINDOWS_DONE };
 
 #define SBL__WINDOWS_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
 
@@ -21420,9 +21424,38 @@ static int sbl__joining_layers(const sbl__joining *j) {
     return j->desc.lightmap.directional ? SBL__LAYERS : 1 + sbl__joining_groups(j);
 }
 
-/* Returns the host's array of the current layer. */
-static float *sbl__joining_light(const sbl__joining *j) {
-    return j->layer && sbl__joining_groups(j) ? j->desc.groups[j->layer - 1] : j->desc.light[j->layer];
+/* Returns the host's array of a layer. */
+static float *sbl__joining_light(const sbl__joining *j, int layer) {
+    return layer && sbl__joining_groups(j) ? j->desc.groups[layer - 1] : j->desc.light[layer];
+}
+
+static int sbl__joining_rows(void *work) { return ((const sbl__joining *)work)->desc.lightmap.height; }
+
+/* Checks a row of `count` floats for each texel. name, layer: those of the array, for the message */
+static sbl_result sbl__joining_check_row(const sbl__joining *j, const char *name, int layer, const float *array,
+                                         int count, int row) {
+    const int width = j->desc.lightmap.width;
+    const float *v = array + (size_t)width * (size_t)row * (size_t)count;
+    sbl__check check = { &j->work.core->base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_windows_desc", 0 };
+    char index[16] = "";
+    int i = 0;
+    if (sbl__all_finite(v, width * count)) return SBL_SUCCESS;
+    while (sbl__finite(&v[i])) i++;
+    if (layer >= 0) snprintf(index, sizeof index, "[%d]", layer);
+    sbl__mistake(&check, "%s%s is %g at texel %d %d; it must be finite", name, index, (double)v[i], i / count, row);
+    return SBL_ERROR_INVALID_ARGUMENT;
+}
+
+/* Checks a row of texels in all arrays of the host. */
+static sbl_result sbl__joining_inspect(void *work, int row) {
+    const sbl__joining *j = (const sbl__joining *)work;
+    const int grouped = sbl__joining_groups(j) > 0;
+    sbl_result result = sbl__joining_check_row(j, "ids", -1, j->desc.ids, 1, row);
+    int i;
+    for (i = 0; i < sbl__joining_layers(j) && result == SBL_SUCCESS; i++)
+        result = sbl__joining_check_row(j, i && grouped ? "groups" : "light", i && grouped ? i - 1 : i,
+                                        sbl__joining_light(j, i), 3, row);
+    return result;
 }
 
 /* Returns how many texels the next piece of TAKE or GIVE copies. */
@@ -21443,7 +21476,7 @@ static sbl_result sbl__joining_take(void *work, sbl__slice *slice) {
     sbl__joining *j = (sbl__joining *)work;
     const sbl_lightmap_desc *d = &j->desc.lightmap;
     const int size[2] = { d->width, d->height }, first = j->work.stages.at * d->width, count = sbl__joining_texels(j);
-    const float *from = sbl__joining_light(j);
+    const float *from = sbl__joining_light(j, j->layer);
     int i;
     (void)slice;
     if (first == 0 && sbl__gutters_begin(&j->work.core->base, &j->gutters, size, SBL__MAX(d->gutter, 0)) != SBL_SUCCESS)
@@ -21480,7 +21513,7 @@ static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
     int i;
     (void)slice;
     for (i = first; i < first + count; i++)
-        memcpy(sbl__joining_light(j) + 3 * (size_t)i, j->gutters.light + 4 * (size_t)i, 12);
+        memcpy(sbl__joining_light(j, j->layer) + 3 * (size_t)i, j->gutters.light + 4 * (size_t)i, 12);
     return sbl__joining_advance(j, count);
 }
 
@@ -21517,6 +21550,7 @@ static float sbl__joining_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__joining_stages[] = {
+    { NULL, NULL, sbl__joining_inspect, sbl__joining_rows },
     { sbl__joining_take, NULL, NULL, NULL },
     { sbl__joining_gutters, NULL, NULL, NULL },
     { sbl__joining_sew, NULL, NULL, NULL },

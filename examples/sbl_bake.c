@@ -744,6 +744,7 @@ static int read_positions(void) {
         memcpy(p->positions + 3 * (size_t)p->count++, position, sizeof position);
     }
     fclose(in);
+    if (status == DONE && !p->count) status = fail("%s: it has no positions", options.positions);
     return status;
 }
 

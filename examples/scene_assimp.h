@@ -130,6 +130,7 @@ typedef struct scene__reader {
     scene_file *file;
     const struct aiScene *in;
     int is_gltf;
+    int is_bare;         /* 1: the file is of a format without materials; assimp then returns a white one */
     sbl_material *materials;
     scene__pictures pictures;
     int not_matte;       /* 1: a material is glossy, metallic or transmissive; see scene__gloss */
@@ -213,6 +214,14 @@ static scene__told scene__told_by(const scene__reader *r, const struct aiMateria
     return out;
 }
 
+#define SCENE__GREY 0.6f  /* albedo of surfaces whose file states no colour */
+
+static int scene__has_vertex_colors(const struct aiScene *in) {
+    unsigned i, found = 0;
+    for (i = 0; i < in->mNumMeshes; i++) found |= in->mMeshes[i]->mColors[0] != NULL;
+    return found != 0;
+}
+
 static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_albedo, sbl_material *out) {
     const float strength = scene__number(m, AI_MATKEY_EMISSIVE_INTENSITY, 1);
     struct aiColor4D color;
@@ -220,7 +229,8 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
     int clamped = 0, k;
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS &&
         aiGetMaterialColor(m, AI_MATKEY_BASE_COLOR, &color) != aiReturn_SUCCESS)
-        color.r = color.g = color.b = has_albedo ? 1.0f : 0.6f;
+        color.r = color.g = color.b = has_albedo ? 1.0f : SCENE__GREY;
+    if (r->is_bare && !has_albedo && !scene__has_vertex_colors(r->in)) color.r = color.g = color.b = SCENE__GREY;
     rgb[0] = color.r; rgb[1] = color.g; rgb[2] = color.b;
     for (k = 0; k < 3; k++) {
         if (rgb[k] < 0.0f || rgb[k] > 1.0f) { rgb[k] = rgb[k] < 0.0f ? 0.0f : 1.0f; clamped = 1; }
@@ -1039,7 +1049,7 @@ static void scene__convert(scene__reader *r) {
     scene_file *file = r->file;
     unsigned i;
     if (scene__make_room(r)) {
-        for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* default material, if the file has none */
+        for (i = 0; i < 3; i++) r->materials[0].albedo[i] = SCENE__GREY;  /* default material, if the file has none */
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__factors(r, i);
         for (i = 0; i < r->in->mNumMaterials && !r->not_matte; i++) scene__make_matte(&r->materials[i]);
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
@@ -1077,6 +1087,8 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     memset(&r, 0, sizeof r);
     r.is_gltf = scene__ends_with(path, ".gltf") || scene__ends_with(path, ".glb");
     if (r.is_gltf) scene__mend_gltf(file, bytes);
+    r.is_bare = scene__ends_with(path, ".stl") ||
+                (scene__ends_with(path, ".ply") && !scene__mentions(bytes, "element material"));
     if (scene__ends_with(path, ".obj")) scene__mend_obj(file, bytes);
     main_file.file = file;
     main_file.path = path;

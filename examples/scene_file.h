@@ -28,6 +28,9 @@
        else  the same features, as far as assimp returns them; the colour of a light is its intensity; a falloff
              other than by the square of the distance is ignored
 
+   Surfaces without a material have the albedo 0.6. In glTF, such a surface has the albedo 1, as glTF requires. STL and
+   PLY have no materials; their vertex colours and textures are not multiplied by 0.6.
+
    Metal and gloss follow one rule for the complete file. If no used material has metalness, a roughness below 1, a
    texture of one of these, or transmission, all materials are matte, because exporters write roughness 1 for surfaces
    that are meant to be matte. Otherwise all materials of a .gltf are read by the material model of glTF. A material

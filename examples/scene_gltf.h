@@ -138,6 +138,14 @@ static double scene__ior_of(const cJSON *extensions) {
     return value == 0.0 || value > SCENE__MOST_IOR ? SCENE__MOST_IOR : value > 1 ? value : 1;
 }
 
+/* Warns of an index of refraction that glTF does not allow, and that scene__ior_of replaces by 1. */
+static void scene__check_ior(scene_file *file, const cJSON *material, const char *name) {
+    const cJSON *ior = scene__item(scene__item(scene__item(material, "extensions"), "KHR_materials_ior"), "ior");
+    if (!file->matte && cJSON_IsNumber(ior) && ior->valuedouble < 1 && ior->valuedouble != 0.0)
+        scene__warn(file, "material %.100s: its index of refraction is %g, but glTF allows only 0 and values from 1 "
+                    "on; 1 is used", name, ior->valuedouble);
+}
+
 /* Returns the SCENE__TOLD_ bits of a material of the file. */
 static int scene__bits_of(const cJSON *material) {
     static const char start[] = "KHR_materials_";
@@ -165,12 +173,13 @@ static int scene__bits_of(const cJSON *material) {
 }
 
 /* Appends to the name of each material the facts that scene__told_by reads. */
-static void scene__name_materials(cJSON *root) {
+static void scene__name_materials(scene_file *file, cJSON *root) {
     cJSON *material;
     cJSON_ArrayForEach(material, scene__item(root, "materials")) {
         const char *name = cJSON_GetStringValue(scene__item(material, "name"));
         char unique[256];
         if (!cJSON_IsObject(material)) continue;
+        scene__check_ior(file, material, name ? name : "without name");
         scene__print(unique, sizeof unique, "%.200s (ior %.9g, %d)", name ? name : "",
                      scene__ior_of(scene__item(material, "extensions")), scene__bits_of(material));
         cJSON_DeleteItemFromObjectCaseSensitive(material, "name");
@@ -241,6 +250,24 @@ static int scene__lists(const cJSON *list, const char *name) {
     return 0;
 }
 
+/* Warns of extensions that the file requires and that neither assimp nor this reader knows. Extensions of materials
+   have warnings of their own (SCENE_FILE_EXTENSION). Without Draco, assimp refuses the file itself. */
+static void scene__check_required(scene_file *file, const cJSON *required) {
+    static const char *const known[] = { "KHR_lights_punctual", "KHR_texture_transform", "KHR_draco_mesh_compression",
+        "KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing",
+        "KHR_node_visibility", "MOZ_lightmap" };
+    static const char start[] = "KHR_materials_";
+    const cJSON *item;
+    cJSON_ArrayForEach(item, required) {
+        size_t i = 0;
+        if (!cJSON_IsString(item) || strncmp(item->valuestring, start, sizeof start - 1) == 0) continue;
+        while (i < sizeof known / sizeof *known && strcmp(item->valuestring, known[i]) != 0) i++;
+        if (i == sizeof known / sizeof *known)
+            scene__warn(file, "it requires %.100s, which is not known: parts of the scene can be wrong or missing",
+                        item->valuestring);
+    }
+}
+
 /* Refuses a file whose meshes are stored in a way that assimp takes for floats. Warns of other extensions that change
    the scene, and that assimp drops. */
 static void scene__check_extensions(scene_file *file, const cJSON *root) {
@@ -257,6 +284,7 @@ static void scene__check_extensions(scene_file *file, const cJSON *root) {
     for (i = 0; i < sizeof ignored / sizeof *ignored; i++)
         if (scene__lists(used, ignored[i][0]) || scene__lists(required, ignored[i][0]))
             scene__warn(file, "%s is ignored: %s", ignored[i][0], ignored[i][1]);
+    scene__check_required(file, required);
 }
 
 static void scene__mend_json(scene_file *file, cJSON *root) {
@@ -267,7 +295,7 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
         file->map_size = item->valueint;
     scene__order_texcoords(root);
     scene__name_places(file, root);
-    scene__name_materials(root);
+    scene__name_materials(file, root);
     cJSON_ArrayForEach(item, scene__item(root, "materials")) {
         cJSON *extensions = scene__item(item, "extensions");
         const cJSON *strength = scene__item(scene__item(extensions, scene__strength_name), "emissiveStrength");
@@ -346,6 +374,8 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
                     scene__strength_name);
     if (scene__mentions(bytes, "lightmapScaleOffset") || scene__mentions(bytes, "lightmapIndex"))
         scene__warn(file, "this program was built without cJSON: places in a lightmap (extras) are ignored");
+    if (scene__mentions(bytes, "extensionsRequired"))
+        scene__warn(file, "this program was built without cJSON: extensions that the file requires are not checked");
     if (file->frames_asked)
         scene__fail(file, "this program was built without cJSON, which reading an animated camera needs");
 #endif

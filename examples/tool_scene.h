@@ -9,6 +9,8 @@
 #ifndef TOOL_SCENE_H
 #define TOOL_SCENE_H
 
+#include "tool_words.h"
+
 /* ---- messages of sbl.h ---- */
 
 /* Messages from sbl.h. If the work fails, the first error is printed; if it succeeds, the warnings are printed. */
@@ -34,12 +36,13 @@ static inline void warn_later(messages *m, const char *format, ...) {
     m->warnings_kept += i == m->warnings_kept;
 }
 
-static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+static void on_log(sbl_log_level level, sbl_log_item item, const char *from_library, void *user) {
     messages *m = (messages *)user;
+    char message[640];
     int mesh;
+    tool_translate(message, sizeof message, from_library);
     if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
-        const char *words = strstr(message, ": ");  /* the text after the name of the function */
-        snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
+        snprintf(m->store, sizeof m->store, "%.250s", message);
         m->store_item = item;
         return;
     }

@@ -394,6 +394,8 @@ TEST(wrong_command_lines_are_refused) {
     REFUSED(1, "--store bad.json: the data are not stored light", "room.gltf", "--probes", "2x2x2", "-o", "no.json",
             "--store", "bad.json", "--store-replace");
     REFUSED(1, "pipe.txt: it is a pipe", "pipe.txt", "--probes", "2x2x2", "-o", "no.json");
+    write_text("empty.txt", "# none\n\n");
+    REFUSED(1, "empty.txt: it has no positions", "room.gltf", "--probes", "empty.txt", "-o", "no.json", "--quiet");
     write_text("bad.txt", "1 2 3\n\n# none\n4 5\n");
     REFUSED(1, "line 4 is not three numbers", "room.gltf", "--probes", "bad.txt", "-o", "no.json", "--quiet");
     REFUSED(2, "would overwrite the input file", "room.gltf", "--probes", "bad.json", "-o", "bad.json");

@@ -1443,6 +1443,50 @@ TEST(draw_callback_receives_the_ambient_light) {
     scene_free(&s);
 }
 
+/* A lamp that is little wider than a texel of the views stands close beside the outline of what the host draws. It is
+   not hidden, so R is nearly that of the lamp alone. */
+TEST(lamps_beside_what_the_host_draws) {
+    enum { SITES = 32 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_readings_desc single;
+    double alone = 0, beside = 0;
+    int i;
+    REQUIRE(host_gl_open("test_bounce"), "no GL");
+    drawn.albedo = drawn.emission = 0;
+    for (i = 0; i < 2; i++) {
+        const float x = i ? -0.88f : 0.88f, corners[9] = { x, 1, 0, x + (i ? -0.2f : 0.2f), 1, 0, x, 1, 0.2f };
+        scene_mesh(&s, scene_lamp(&s, 9, 9, 9), corners, NULL, NULL, 3, NULL, 0);
+    }
+    if (!use_scene(&s, 4096)) return;
+    site_count = 0;
+    for (i = 0; i < SITES; i++) add_site(0, -1, 0, 0, 1, 0, 1);
+    if (gather(SBL_MODE_DIRECT, SBL_BACKEND_TRACE, 64)) alone = mean_of(0, SITES, 0);
+    scene = scene_desc(&s);
+    scene.draw = draw_box;
+    for (i = 0; i < 3; i++) { scene.draw_bounds[0][i] = -0.3f; scene.draw_bounds[1][i] = 0.3f; }
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64),
+            "no light: %s", watch_last(&seen));
+    beside = mean_of(0, SITES, 0);
+    printf("  R is %.5f, without a box %.5f\n", beside, alone);
+    CHECK(alone > 0 && fabs(beside / alone - 1) < 0.01, "R is %g, without a box %g", beside, alone);
+    /* a box that shines has the same size in the single view of 135 degrees as in the views of a hemicube */
+    drawn.emission = 1;
+    scene.draw_max_radiance = 1;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64),
+            "no light: %s", watch_last(&seen));
+    beside = mean_of(0, SITES, 0);
+    single = readings_of(SBL_MODE_DIRECT, SBL_BACKEND_RASTER);
+    single.sensor_kind = SBL_SENSOR_SINGLE;
+    single.options.sensor_size = 32;
+    REQUIRE(sbl_gather_readings(context, &single) == SBL_SUCCESS, "no light: %s", watch_last(&seen));
+    alone = mean_of(0, SITES, 0);
+    printf("  the box shines: R is %.4f, in a single view %.4f\n", beside, alone);
+    CHECK(beside > 0.1 && fabs(beside / alone - 1) < 0.05, "R is %g, in a single view %g", beside, alone);
+    host_gl_close();
+    scene_free(&s);
+}
+
 /* Rasterised light is proportional to the emission of the lamp over 18 orders of magnitude, although the texels of
    views have 16 bits per channel. */
 TEST(light_of_any_strength) {
@@ -1789,6 +1833,7 @@ int main(void) {
     RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
     RUN(draw_callback_receives_the_ambient_light);
+    RUN(lamps_beside_what_the_host_draws);
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);

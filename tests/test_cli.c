@@ -4,7 +4,7 @@
 #define _DEFAULT_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
-#include <ctype.h>
+#include "../examples/tool_words.h"
 #include <math.h>
 #include <poll.h>
 #include <stdarg.h>
@@ -1650,12 +1650,23 @@ TEST(dropped_parts_of_gltf_are_named) {
     static const char *const lines[] = { "EXT_mesh_gpu_instancing is ignored: each of its meshes stands only once",
         "KHR_node_visibility is ignored: hidden nodes are shown",
         "nodes whose scale is 0 along an axis are left out (1 node)" };
+    static const char *const more_lines[] = {
+        "it requires ACME_world, which is not known: parts of the scene can be wrong or missing",
+        "material without name: its index of refraction is 0.5, but glTF allows only 0 and values from 1 on; 1 is "
+        "used" };
     char more[256];
     int i;
     materials_gltf(MATTE "}", "\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\",\"KHR_node_visibility\"],"
                    "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[1,0,1]}],\"scenes\":[{\"nodes\":[0,1]}]");
     TOOL("squares.gltf", SQUARES);
     check_warnings("squares.gltf", lines, 3);
+    materials_gltf(MATTE "},\"extensions\":{\"KHR_materials_ior\":{\"ior\":0.5}}",
+                   "\"extensionsRequired\":[\"KHR_lights_punctual\",\"KHR_materials_ior\",\"ACME_world\"],"
+                   "\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", more_lines, 2);
+    TOOL("squares.gltf", SQUARES, "--materials", "matte");
+    check_warnings("squares.gltf", more_lines, 1);
     for (i = 0; i < 3; i++) {
         sprintf(more, "\"extensionsRequired\":[\"%s\"],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]",
                 refused[i]);
@@ -1664,6 +1675,66 @@ TEST(dropped_parts_of_gltf_are_named) {
         CHECK(ran.status == 1 && ran.err_lines == 1 && strstr(ran.err, refused[i]), "%s: exit %d, \"%s\"", refused[i],
               ran.status, ran.err);
     }
+}
+
+/* Copies the texts from `at` to the next semicolon that is not in a text, each with a line end, and returns their end.
+   Adjacent texts are one text. */
+static const char *literals(const char *at, char *out, size_t size) {
+    size_t used = 0;
+    int inside = 0;
+    for (; *at && (inside || *at != ';'); at++) {
+        if (*at == '"') inside = !inside;
+        else if (inside && *at == '\\') at++;
+        else if (inside && used + 1 < size) out[used++] = *at;
+        if (!inside && *at == '"' && used + 1 < size) out[used++] = '\n';
+        if (!inside && *at == '"' && at[1 + strspn(at + 1, " \n")] == '"') used--;
+    }
+    out[used] = 0;
+    return at;
+}
+
+/* Returns 1 if a text contains a name of C: letters around an underscore. */
+static int has_c_name(const char *text) {
+    const char *at;
+    for (at = strchr(text, '_'); at; at = strchr(at + 1, '_'))
+        if (at > text && isalnum((unsigned char)at[-1]) && isalpha((unsigned char)at[1])) return 1;
+    return 0;
+}
+
+/* Messages of sbl.h that a tool passes on name options instead of C names. Every text that the tools replace exists in
+   sbl.h. Messages about descriptors are excepted if tools check these fields themselves. */
+TEST(messages_name_no_fields) {
+    static const char *const unreachable[] = { "sbl_context_desc.memory_budget", "gl_texture", "call sbl_set_scene",
+        "get_gl_function is NULL", "sbl_create: out" };
+    static char source[2000000], joined[sizeof source], text[4096], out[4096];
+    size_t i, k, used = 0;
+    int lines, messages = 0;
+    const char *at;
+    read_text("sbl.h", source, sizeof source, &lines);
+    for (at = strstr(source, "#ifdef SBL_IMPLEMENTATION\n"); at && *at; at++) {
+        if (*at == '"' && at[1 + strspn(at + 1, " \n")] == '"') at += 1 + strspn(at + 1, " \n");
+        else joined[used++] = *at;
+    }
+    REQUIRE(used > 500000, "sbl.h cannot be read");
+    for (i = 0; i < sizeof tool__words / sizeof *tool__words; i++)
+        CHECK(strstr(joined, tool__words[i][0]), "no message of sbl.h says \"%s\"", tool__words[i][0]);
+    for (at = source; (at = strstr(at, "sbl__log(")) != NULL; messages++) {
+        at = literals(at, text, sizeof text);
+        for (k = 0; k < sizeof unreachable / sizeof *unreachable && !strstr(text, unreachable[k]); k++) continue;
+        tool_translate(out, sizeof out, text);
+        CHECK(k < sizeof unreachable / sizeof *unreachable || !has_c_name(out), "a tool says: %s", out);
+    }
+    CHECK(messages > 40, "%d messages", messages);
+    tool_translate(out, sizeof out, "sbl_picture_desc: options.rays is 5000; it must be 1 to 4096");
+    CHECK(strcmp(out, "--rays is 5000; it must be 1 to 4096") == 0, "%s", out);
+    tool_translate(out, sizeof out, "my_target_error target_errors target_error: target_error");
+    CHECK(strcmp(out, "my_target_error target_errors --target-error: --target-error") == 0, "%s", out);
+    tool_translate(out, 12, "target_error is 7");
+    CHECK(strcmp(out, "--target-er") == 0, "%s", out);
+    wall_obj();
+    TOOL("wall.obj", "--eye", "0,0,1", "--look-at", "0,0,5", SMALL, WALL_SIZE, "-o", "away.pfm");
+    CHECK(ran.status == 0 && strstr(ran.err, "the camera sees no surface; check --eye, --look-at, --up and --fov\n"),
+          "exit %d: %s", ran.status, ran.err);
 }
 
 /* An .obj file without its .mtl file is rendered in grey, with a warning. assimp also looks for an .mtl file with the
@@ -2525,6 +2596,7 @@ int main(int argc, char **argv) {
     RUN(choices_are_printed);
     RUN(wrong_usage_gives_status_2);
     RUN(failures_give_status_1);
+    RUN(messages_name_no_fields);
     RUN(obj_materials_and_textures);
     RUN(gltf_materials_and_camera);
     RUN(glb_materials_and_camera);

@@ -112,6 +112,28 @@ TEST(one_window_joins_to_the_map) {
     scene_free(&s);
 }
 
+/* Seams stay if the descriptor says so, or if it has no gutter: the joined map is to the bit the map baked at once. */
+TEST(joined_seams_can_stay) {
+    static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } };
+    static test_scene s;
+    int i, k;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    for (i = 0; i < 2; i++) {
+        sbl_lightmap_desc desc = ball_map(1);
+        sbl_windows_desc joining;
+        if (i) desc.seams = -1;
+        else desc.gutter = -1;
+        joining = joining_of(&desc);
+        if (!bake_whole(&desc) || !bake_windows(desc, all, 1)) break;
+        CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_query_stats(context).lightmap.seams == 0, "%d seams", sbl_query_stats(context).lightmap.seams);
+        for (k = 0; k < LAYERS; k++)
+            CHECK(memcmp(light[k], whole[k], sizeof light[k]) == 0, "layer %d, %s", k, i ? "seams -1" : "no gutter");
+    }
+    scene_free(&s);
+}
+
 /* If only some meshes are baked, only seams between these meshes are joined. */
 TEST(chosen_meshes_are_joined) {
     static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } }, meshes[4] = { 0, 1, 8, 20 };
@@ -276,7 +298,7 @@ TEST(overlaps_are_named_in_their_window) {
 
 static void refused(sbl_windows_desc desc, const char *word) {
     watch_forget(&seen);
-    CHECK(sbl_begin_windows(context, &desc) == SBL_ERROR_INVALID_ARGUMENT &&
+    CHECK(sbl_join_windows(context, &desc) == SBL_ERROR_INVALID_ARGUMENT &&
               watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, word, NULL, NULL), "%s: %s", word,
           watch_last(&seen));
 }
@@ -315,6 +337,38 @@ TEST(every_field_is_checked) {
     memset(d.lightmap.window, 0xff, sizeof d.lightmap.window);  /* must be ignored */
     CHECK(sbl_begin_windows(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
     sbl_end(context);
+    scene_free(&s);
+}
+
+/* A scene without lightmap coordinates, and arrays with a NaN or an infinity, are refused. The arrays stay as they
+   were. */
+TEST(wrong_windows_are_refused) {
+    static const struct { int layer, at; const char *words; } wrong[] = {
+        { -1, TEXELS - 1, "ids is nan at texel 95 79; it must be finite" },
+        { 0, 3 * (WIDTH * 2 + 5) + 1, "light[0] is nan at texel 5 2; it must be finite" },
+        { 4, 3 * TEXELS - 1, "light[4] is inf at texel 95 79; it must be finite" } };
+    static test_scene s;
+    const sbl_lightmap_desc map = ball_map(1);
+    const sbl_windows_desc joining = joining_of(&map);
+    int i;
+    memset(&s, 0, sizeof s);
+    scene_quad(&s, scene_lamp(&s, 9, 7, 5), -1, 3, -1, 1, 3, -1, 1, 3, 1, -1, 3, 1);
+    REQUIRE(set_scene(&s), "no context");
+    refused(joining, "no mesh of the scene has lightmap_texcoords; the scene must be that of the windows");
+    scene_free(&s);
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    memset(light, 0, sizeof light);
+    memset(ids, 0, sizeof ids);
+    for (i = 0; i < 3; i++) {
+        float *v = wrong[i].layer < 0 ? &ids[wrong[i].at] : &light[wrong[i].layer][wrong[i].at];
+        *v = i < 2 ? (float)NAN : (float)INFINITY;
+        memcpy(whole, light, sizeof whole);
+        refused(joining, wrong[i].words);
+        CHECK(memcmp(whole, light, sizeof whole) == 0, "%s: the light is changed", wrong[i].words);
+        *v = 0;
+    }
+    CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
     scene_free(&s);
 }
 
@@ -370,6 +424,7 @@ TEST(memory_runs_out) {
 
 int main(void) {
     RUN(one_window_joins_to_the_map);
+    RUN(joined_seams_can_stay);
     RUN(chosen_meshes_are_joined);
     RUN(windows_show_the_map);
     RUN(windows_join_to_the_map);
@@ -377,6 +432,7 @@ int main(void) {
     RUN(windows_have_a_price);
     RUN(overlaps_are_named_in_their_window);
     RUN(every_field_is_checked);
+    RUN(wrong_windows_are_refused);
     RUN(joining_comes_in_pieces);
     RUN(memory_runs_out);
     sbl_destroy(context);

@@ -367,6 +367,17 @@ static hash probes(void) {
     return h;
 }
 
+/* White surfaces have no sensors and show the stored light. */
+static hash stored_picture(void) {
+    static test_scene s;
+    hash h = 0;
+    room(&s);
+    s.materials[0].flags = SBL_MATERIAL_NO_SENSORS;
+    if (sbl_set_materials(context, s.materials, s.material_count) == SBL_SUCCESS) h = picture(view_of(SBL_MODE_GI));
+    scene_free(&s);
+    return h;
+}
+
 /* Cases run in this order; a case without set_room uses the scene of the case before it. */
 static const struct { const char *name; hash (*make)(void); } cases[] = {
     { "glossy_picture", glossy_picture },
@@ -386,7 +397,8 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
     { "short_readings", short_readings },
     { "rasterised_readings", rasterised_readings },
     { "probes", probes },
-    { "store", store } };
+    { "store", store },
+    { "stored_picture", stored_picture } };
 
 enum { CASES = sizeof cases / sizeof *cases };
 
@@ -408,7 +420,8 @@ static const hash llvmpipe_15[CASES] = {
     0x2b34975022f5bb85u,  /* short_readings */
     0x67d03aecfee07872u,  /* rasterised_readings */
     0xb2d1131445ed09e8u,  /* probes */
-    0x171f844a501fe69du  /* store */
+    0x171f844a501fe69du,  /* store */
+    0x2147d9d76cef537au  /* stored_picture */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 

@@ -451,7 +451,8 @@ TEST(gloss_of_gltf) {
     SKIP("without cJSON, only assimp's values are known");
 #endif
     for (i = 0; i < sizeof files / sizeof *files; i++) {
-        const int outside = i + 1 == sizeof files / sizeof *files;
+        const size_t count = sizeof files / sizeof *files;
+        const int outside = i + 2 >= count;  /* one file with a refraction of 0.5, one with metal 2 and roughness -1 */
         scene_file *file;
         write_materials("gloss.gltf", files[i].materials);
         file = check_gloss("gloss.gltf", files[i].materials, files[i].all, 1);
@@ -573,6 +574,32 @@ TEST(gloss_of_other_formats) {
     scene_file_free(check_gloss("gloss.obj", "only Ns 0", &matte, 0));
     write_text("gloss.dae", phong_dae);
     scene_file_free(check_gloss("gloss.dae", "gloss.dae", all, 0));
+}
+
+/* Surfaces without a material are grey in all formats but glTF. Vertex colours, textures and materials stay as they
+   are. */
+TEST(grey_without_material) {
+#define PLY(columns, values, more) "ply\nformat ascii 1.0\n" more "element vertex 3\nproperty float x\n" \
+    "property float y\nproperty float z\n" columns "element face 1\nproperty list uchar int vertex_indices\n" \
+    "end_header\n0 0 0" values "\n1 0 0" values "\n0 1 0" values "\n3 0 1 2\n"
+    static const struct { const char *name, *text; double albedo; } files[] = {
+        { "bare.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 0.6 },
+        { "bare.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", 0.6 },
+        { "bare.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
+                      "endfacet\nendsolid a\n", 0.6 },
+        { "bare.ply", PLY("", "", ""), 0.6 },
+        { "colours.ply", PLY("property uchar red\nproperty uchar green\nproperty uchar blue\n", " 255 0 0", ""), 1 },
+        { "texture.ply", PLY("property float s\nproperty float t\n", " 0 0", "comment TextureFile two.png\n"), 1 } };
+    int i;
+    for (i = 0; i < (int)(sizeof files / sizeof *files); i++) {
+        scene_file *file;
+        write_text(files[i].name, files[i].text);
+        file = read_back(files[i].name, 0);
+        CHECK(file, "%s: %s", files[i].name, error);
+        CHECK(!file || fabs((double)material_of(file, 0)->albedo[1] - files[i].albedo) < 1e-6, "%s: albedo is %g, "
+              "expected %g", files[i].name, (double)material_of(file, 0)->albedo[1], files[i].albedo);
+        scene_file_free(file);
+    }
 }
 
 /* Expected values of panes and blended surfaces: transmittance, textures and flags, and the alpha of their vertex
@@ -1405,6 +1432,7 @@ int main(void) {
     RUN(textures_of_metal);
     RUN(coordinates_of_metal);
     RUN(gloss_of_other_formats);
+    RUN(grey_without_material);
     RUN(panes_of_gltf);
     RUN(blending_of_gltf);
     RUN(glass_of_obj);

@@ -649,6 +649,129 @@ TEST(dropped_glows_are_ordinary) {
           scene.bright.glow_count, bright, kept);
 }
 
+/* A grazing vertex normal is bent until its cosine with the triangle's normal is 0.01, on the side that it points to.
+   A steeper normal stays as it is. */
+TEST(grazing_normals_are_bent) {
+    static const struct { double height, expected; } cases[] = {
+        { 0.004, 0.01 }, { -0.004, 0.01 }, { 0.009, 0.01 }, { 0.3, 0.3 }, { -1, 1 } };
+    static const double weights[3] = { 0.2, 0.3, 0.5 };
+    const uint32_t indices[3] = { 0, 1, 2 };
+    sbl__vertex vertices[3];
+    sbl__attributes attributes[3];
+    sbl__geometry g;
+    int i, k;
+    memset(vertices, 0, sizeof vertices);
+    memset(attributes, 0, sizeof attributes);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.attributes = attributes;
+    g.indices = (uint32_t *)(uintptr_t)indices;
+    vertices[1].position[0] = vertices[2].position[1] = 1;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        const double height = cases[i].height;
+        sbl_site site;
+        double cosine = 0;
+        for (k = 0; k < 3; k++) {
+            attributes[k].normal[0] = (float)sqrt(1 - height * height);
+            attributes[k].normal[2] = (float)height;
+        }
+        sbl__surface_site(&g, 0, weights, &site);
+        for (k = 0; k < 3; k++) cosine += (double)site.normal[k] * (double)site.geometric_normal[k];
+        CHECK(fabs(cosine - cases[i].expected) < 1e-6, "height %g: the cosine is %g, expected %g", height, cosine,
+              cases[i].expected);
+        CHECK(site.geometric_normal[2] * (float)height > 0 && fabs((double)site.position[1] - 0.5) < 1e-6,
+              "height %g: the side is %g, y %g", height, (double)site.geometric_normal[2], (double)site.position[1]);
+    }
+}
+
+/* Returns the area of a glow, negative if its corners run clockwise in x and y. All corners have z = 0.5. */
+static double glow_area(const sbl__glow *g) {
+    const float *a = g->corner_0, *b = g->corner_1, *c = g->corner_2;
+    CHECK(fabs((double)(a[2] + b[2] + c[2]) - 1.5) < 1e-6, "a glow has left its triangle");
+    return 0.5 * ((double)(b[0] - a[0]) * (double)(c[1] - a[1]) - (double)(c[0] - a[0]) * (double)(b[1] - a[1]));
+}
+
+/* The glows of a triangle cover its part in a bright cell, except for smaller cells in it, and for leaves of the cell
+   that are not bright. The cell is four cubes wide. The triangle has the corners (0, 0), (6, 0) and (0, 6), so that the
+   cell contains all of its square from 0 to 4 but the corner beyond x + y = 6, which has the area 2. */
+TEST(glows_cover_their_cell) {
+    static const double corners[3][3] = { { 0, 0, 0.5 }, { 6, 0, 0.5 }, { 0, 6, 0.5 } };
+    static const float in_small_cell[3] = { 1.5f, 2.5f, 0.5f }, in_cell[3] = { 0.5f, 0.5f, 0.5f };
+    static const struct { int back, cut; double area; } cases[] = { { 0, 0, 13 }, { 1, 0, -13 }, { 0, 1, 5.5 } };
+    static sbl__scene scene;
+    static sbl__device device;
+    static sbl__cell_bucket cells[128];
+    sbl__vertex vertices[3];
+    sbl__object object;
+    sbl__leaf leaves[2];
+    sbl__cut cut;
+    sbl__polygon p;
+    uint32_t indices[3] = { 0, 1, 2 }, patches[1] = { 0 }, order[1] = { 0 };
+    int i, k;
+    memset(&scene, 0, sizeof scene);
+    memset(vertices, 0, sizeof vertices);
+    memset(&object, 0, sizeof object);
+    memset(leaves, 0, sizeof leaves);
+    memset(&cut, 0, sizeof cut);
+    device.base = &base;
+    scene.geometry.vertices = vertices;
+    scene.geometry.indices = indices;
+    scene.geometry.objects = &object;
+    scene.hierarchy.order = order;
+    scene.store.patches = patches;
+    scene.store.cells = cells;
+    scene.store.cell_room = 128;
+    scene.store.leaves = leaves;
+    scene.store.cuts = &cut;
+    scene.store.length = 1;
+    object.albedo[0] = object.albedo[1] = object.albedo[2] = 0.5f;
+    object.reflectance = -1;
+    leaves[0].light[0] = -6;  /* bright */
+    leaves[0].light[1] = leaves[0].light[2] = 4;
+    leaves[1].light[0] = 1;
+    cut.normal[0] = 1;
+    cut.distance = 1.5f;
+    cut.sides[0] = 1;
+    cut.sides[1] = 2;
+    for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) vertices[i].position[k] = (float)corners[i][k];
+    for (i = 0; i < 3; i++) {
+        const uint32_t side = cases[i].back ? SBL__PATCH_BACK : 0;
+        const sbl__bright_cell cell = { side | SBL__PATCH_LEVEL, { 0, 0, 0 } };
+        sbl__glowing w;
+        double area = 0;
+        memset(&w, 0, sizeof w);
+        memset(&scene.bright, 0, sizeof scene.bright);
+        memset(cells, 0, sizeof cells);
+        w.device = &device;
+        w.scene = &scene;
+        w.patch = side;
+        *sbl__store_bucket(&scene.store, cell.patch, in_cell) = cases[i].cut ? SBL__CELL_CUT : 1;
+        *sbl__store_bucket(&scene.store, side, in_small_cell) = 2;
+        CHECK(sbl__glow_cell(&w, &cell) == SBL_SUCCESS, "no glows");
+        for (k = 0; k < scene.bright.glow_count; k++) {
+            const sbl__glow *g = &scene.bright.glows[k];
+            const double own = glow_area(g);
+            CHECK(own * cases[i].area > 0, "case %d: glow %d has the area %g", i, k, own);
+            CHECK(fabs((double)g->radiance[0] - 3) < 1e-6 && g->leaf == 0 && g->triangle == 0,
+                  "case %d: glow %d: radiance %g, leaf %u", i, k, (double)g->radiance[0], g->leaf);
+            area += own;
+        }
+        CHECK(fabs(area - cases[i].area) < 1e-5, "case %d: the glows have the area %g, expected %g", i, area,
+              cases[i].area);
+        CHECK(fabs((double)scene.bright.unit - 3) < 1e-6, "the brightest glow is %g", (double)scene.bright.unit);
+        /* a polygon of three corners, and corners of an earlier polygon behind them */
+        scene.bright.glow_count = 0;
+        memset(&p, 0, sizeof p);
+        memcpy(p.corners, corners, sizeof corners);
+        p.corners[3][1] = -9;
+        p.count = 3;
+        for (w.area = 17.9; w.area < 18.15; w.area += 0.2)
+            CHECK(sbl__glow_add(&w, &p, 1) == SBL_SUCCESS && sbl__glow_add(&w, &p, 0) == SBL_SUCCESS &&
+                      scene.bright.glow_count == 1, "%d glows, one has the area 18", scene.bright.glow_count);
+        sbl__free(&base, scene.bright.glows);
+    }
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -672,5 +795,7 @@ int main(void) {
     RUN(places_that_differ_are_noisy);
     RUN(sensors_keep_the_variance_of_a_look);
     RUN(dropped_glows_are_ordinary);
+    RUN(glows_cover_their_cell);
+    RUN(grazing_normals_are_bent);
     return test_report();
 }

@@ -392,6 +392,24 @@ TEST(creases_are_tight) {
     }
 }
 
+/* Points keep the distance 6e-6 * reach from each side of a triangle, also from a side a thousand times as short as the
+   others, where x is 0. The reach of this triangle is 2. The ray of the only pixel hits it at x = 2e-6. */
+TEST(points_keep_away_from_a_short_side) {
+    static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1e-3f, 0 };
+    test_scene s = { 0 };
+    const sbl_picture_desc view = traced(scene_view(1, 1, 40, 2e-6f, 3e-4f, 2e-4f, 2e-6f, 3e-4f, 0), SBL_MODE_DIRECT,
+                                         64);
+    float *position;
+    scene_mesh(&s, scene_material(&s, 1, 1, 1), corners, NULL, NULL, 3, NULL, 0);
+    scene_sky(&s, 1, 1, 1);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
+    CHECK(fabs((double)position[0] - 1.2e-5) < 1e-6 && fabs((double)position[1] - 3e-4) < 1e-6,
+          "the point is at %g %g, expected 1.2e-5 3e-4", (double)position[0], (double)position[1]);
+    free(position);
+    scene_free(&s);
+}
+
 /* Adds `count` quads whose alpha is 0 everywhere, at heights between 1 and 2 above the origin. Rays pass through them.
    If they are slanted, all their bounding boxes overlap. */
 static void add_holes(test_scene *s, int count, float slant) {
@@ -769,6 +787,7 @@ int main(void) {
     RUN(furnaces);
     RUN(cutouts_and_hidden_materials);
     RUN_UNSANITIZED(creases_are_tight);
+    RUN(points_keep_away_from_a_short_side);
     RUN_UNSANITIZED(rays_pass_63_holes);
     RUN(lost_rays_are_reported);
     RUN(all_hidden_from_sensors);
