@@ -80,10 +80,6 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 }
 
 #ifdef SBL_SPECULAR
-// At a surface of larger reflectance, a path continues in a direction of the surface's lobe.
-const float SBL_SHINY = 0.2;
-const float SBL_GLOSS_MET = 0.5;  // rougher gloss is diffuse for the rays that hit it
-
 // Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.
 bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
