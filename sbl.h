@@ -3043,6 +3043,13 @@ typedef struct sbl__record {
                                           diffuse part is then ignored */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
                                           the lobe also reflects where the albedo is 0 */
+#define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
+                                          this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
+                                          gloss */
+#define SBL__GLOSS_MET 0.5f            /* rays find rougher gloss diffuse */
+#define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
+                                          reflect.glsl */
+#define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
@@ -3066,7 +3073,8 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
-    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
+    X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
     X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
@@ -5777,11 +5785,6 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A surface shines if it has a lobe whose reflectance along the normal exceeds this. Rays that hit it continue\n",
-"// in the lobe. Other surfaces with a lobe are gloss.\n",
-"const float SBL_SHINY = 0.2;\n",
-"const float SBL_GLOSS_MET = 0.5;  // rays find rougher gloss diffuse\n",
-"\n",
 "// Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.\n",
 "bool sbl_shines(sbl_Material m, vec3 reflectance) {\n",
 "    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;\n",
@@ -6787,9 +6790,16 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "#endif\n",
 "\n",
+"#ifdef SBL_SPECULAR\n",
+"// Raises the chance with which gloss reflects the ray by its lobe (see sbl_face_ray) and with which panes reflect\n",
+"// it. 0 to 1: the probability that the ray was sent to a lamp in a mirror\n",
+"float chance_least = 0.0;\n",
+"#endif\n",
+"\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
-"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted fraction\n",
-"// (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH).\n",
+"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted\n",
+"// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray\n",
+"// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -6798,8 +6808,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
 "    if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;\n",
-"    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < most;\n",
-"    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / most : vec3(1.0 / (1.0 - most));\n",
+"    float chance = most * (1.0 - 0.5 * chance_least);\n",
+"    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < chance;\n",
+"    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));\n",
 "    return passes;\n",
 "}\n",
 "#endif\n",
@@ -6873,6 +6884,23 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
     X(sbl__glow, VEC3, radiance) X(sbl__glow, UINT, unused_1)
 SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
+/* A cluster of lamps in the mirror of a flat surface, see mirrored.glsl. middle, radius: a ball around the mirrored
+   lamps; if `distant` is 1, the direction to them, and the radius of the ball around their unit directions. power: the
+   sum of the lamps' powers. low, high: bounds of the flat surface. normal, offset: its plane is normal * x = offset,
+   and the lamps are on the side of the normal. reflectance, alpha: the reflectance and alpha of its lobe */
+#define SBL__MIRRORED(X) \
+    X(sbl__mirrored, VEC3, middle) X(sbl__mirrored, FLOAT, radius) \
+    X(sbl__mirrored, VEC3, low) X(sbl__mirrored, FLOAT, power) \
+    X(sbl__mirrored, VEC3, high) X(sbl__mirrored, FLOAT, alpha) \
+    X(sbl__mirrored, VEC3, normal) X(sbl__mirrored, FLOAT, offset) \
+    X(sbl__mirrored, VEC3, reflectance) X(sbl__mirrored, UINT, distant)
+SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_first_mirrored")
+
+#define SBL__PLANES 64                /* maximum number of flat surfaces that are considered as mirrors of lamps */
+#define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
+#define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
+#define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
+#define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
@@ -6892,6 +6920,14 @@ typedef struct sbl__lamp {
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
+/* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
+   lobe. weight: its area * its largest reflectance, or more, see sbl__planes_add */
+typedef struct sbl__plane {
+    double normal[3], offset, weight;
+    float reflectance[3], alpha;
+    sbl__box bounds;
+} sbl__plane;
+
 typedef struct sbl__lamps {    /* data for building the lamp trees */
     sbl__stages stages;
     const sbl__device *device;
@@ -6908,6 +6944,8 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     int node_count;
     sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees that are not joined yet */
     int depth;                 /* number of clusters on the stack */
+    sbl__plane planes[SBL__PLANES];
+    int plane_count;
 } sbl__lamps;
 
 typedef struct sbl__lights {
@@ -6925,6 +6963,8 @@ typedef struct sbl__lights {
     int nodes, leaves;         /* number of nodes and of leaves in both trees together */
     int mixed;                 /* 1 if some lamp is not a triangle, or if there are more than SBL__LAMPS lamps */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
+    sbl__mirrored mirrored[SBL__MIRRORED_MOST];
+    int mirrored_count;
     sbl__lamps *building;
 } sbl__lights;
 
@@ -7288,6 +7328,142 @@ static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
     }
 }
 
+/* >>lamps: lamps in flat mirrors. A sensor's rays would find the light that a narrow lobe reflects from a lamp only by
+   chance. Mirrored lamps tell them where to look (mirrored.glsl). They choose directions, and add no light. */
+
+static int sbl__planes_candidates(void *work) {
+    const sbl__lamps *l = (const sbl__lamps *)work;
+    return l->lights->only_glows ? 0 : l->geometry->triangle_count;
+}
+
+/* Makes the plane of a triangle. Returns 0 if rays that hit the triangle do not follow a narrow lobe. Textures are
+   ignored. */
+static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__plane *plane) {
+    const sbl__object *o = sbl__triangle_object(g, number);
+    const float *corner = sbl__triangle_corner(g, number, 0);
+    double area, roughness = o->roughness;
+    float most;
+    int k;
+    if (!sbl__is_specular(o)) return 0;
+    for (k = 0; k < 3; k++)
+        plane->reflectance[k] = o->reflectance + (SBL__MIN(o->albedo[k], 1.0f) - o->reflectance) * o->metallic;
+    most = sbl__max3(plane->reflectance);
+    if (roughness >= (double)SBL__GLOSS_MET) return 0;
+    roughness = SBL__MAX(roughness, (double)(most > SBL__SHINY ? SBL__BLURRED : SBL__BLURRED_GLOSS));
+    plane->alpha = (float)(roughness * roughness);
+    area = sbl__scene_normal(g, number, plane->normal);
+    plane->offset = 0;
+    for (k = 0; k < 3; k++) plane->offset += plane->normal[k] * (double)corner[k];
+    plane->weight = area * (double)most;
+    sbl__box_of_triangle(&plane->bounds, g, number);
+    return plane->weight > 0;
+}
+
+static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl__geometry *g) {
+    double cosine = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        if (a->reflectance[k] < b->reflectance[k] || a->reflectance[k] > b->reflectance[k]) return 0;
+        cosine += a->normal[k] * b->normal[k];
+    }
+    return cosine >= SBL__PLANE_COSINE && fabs(a->offset - b->offset) <= SBL__PLANE_OFFSET * (double)g->extent &&
+           fabs((double)(a->alpha - b->alpha)) < 1e-6;
+}
+
+/* Adds a triangle to the plane with which it agrees. If there is none, it becomes a new plane; without room, this
+   replaces the plane of the smallest weight. The new plane inherits that weight, so that a surface of many small
+   triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation of Frequent
+   and Top-k Elements in Data Streams"). */
+static sbl_result sbl__planes_add(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__plane plane, *p = l->planes;
+    int i;
+    if (!sbl__plane_of_triangle(l->geometry, (uint32_t)at, &plane)) return SBL_SUCCESS;
+    for (i = 0; i < l->plane_count && !sbl__planes_agree(&l->planes[i], &plane, l->geometry); i++)
+        if (l->planes[i].weight < p->weight) p = &l->planes[i];
+    if (i < l->plane_count) {
+        l->planes[i].weight += plane.weight;
+        sbl__box_add(&l->planes[i].bounds, &plane.bounds);
+    } else if (l->plane_count < SBL__PLANES) {
+        l->planes[l->plane_count++] = plane;
+    } else {
+        plane.weight += p->weight;
+        *p = plane;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
+   power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
+static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
+    int count = 0, i, best = 0;
+    for (i = 0; i < l->node_count; i = (int)(l->nodes[i].beyond & ~SBL__FAR_NODE)) nodes[count++] = i;
+    while (count < SBL__MIRRORED_CLUSTERS && best >= 0) {
+        float most = 0;
+        best = -1;
+        for (i = 0; i < count; i++) {
+            const sbl__lamp_node *n = &l->nodes[nodes[i]];
+            const int is_leaf = (int)(n->beyond & ~SBL__FAR_NODE) == nodes[i] + 1;
+            if (is_leaf || n->power * n->radius <= most) continue;
+            most = n->power * n->radius;
+            best = i;
+        }
+        if (best < 0) break;
+        nodes[best]++;
+        nodes[count++] = (int)(l->nodes[nodes[best]].beyond & ~SBL__FAR_NODE);
+    }
+    return count;
+}
+
+/* Mirrors a cluster of lamps at a plane. Returns about how much light the mirror reflects; 0: the lamps lie in the
+   plane. */
+static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, const sbl__lamp_node *n,
+                                 sbl__mirrored *out) {
+    const int distant = (n->beyond & SBL__FAR_NODE) != 0;
+    const double extent = distant ? 1 : (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
+    double height = distant ? 0 : -plane->offset, side;
+    int k;
+    for (k = 0; k < 3; k++) height += plane->normal[k] * (double)n->middle[k];
+    side = height > 0 ? 1 : -1;
+    for (k = 0; k < 3; k++) {
+        out->middle[k] = (float)((double)n->middle[k] - 2 * height * plane->normal[k]);
+        out->normal[k] = (float)(side * plane->normal[k]);
+        out->low[k] = plane->bounds.low[k] - (float)margin;
+        out->high[k] = plane->bounds.high[k] + (float)margin;
+    }
+    memcpy(out->reflectance, plane->reflectance, sizeof out->reflectance);
+    out->alpha = plane->alpha;
+    out->offset = (float)(side * plane->offset);
+    out->radius = n->radius;
+    out->power = n->power;
+    out->distant = (uint32_t)distant;
+    return fabs(height) < 1e-4 * extent ? 0 : plane->weight * (double)n->power / (distant ? 1 : height * height);
+}
+
+/* Mirrors all clusters at all planes, and keeps those that reflect most light. */
+static int sbl__lamps_mirror(void *work) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__lights *lights = l->lights;
+    int nodes[SBL__MIRRORED_CLUSTERS + 2], count = sbl__mirrored_clusters(l, nodes), i, j;
+    double light[SBL__MIRRORED_MOST];
+    lights->mirrored_count = 0;
+    for (i = 0; i < l->plane_count * count; i++) {
+        sbl__mirrored m;
+        const double found = sbl__mirrored_make(l, &l->planes[i / count], &l->nodes[nodes[i % count]], &m);
+        int least = 0;
+        if (!(found > 0)) continue;
+        if (lights->mirrored_count < SBL__MIRRORED_MOST) {
+            least = lights->mirrored_count++;
+        } else {
+            for (j = 1; j < SBL__MIRRORED_MOST; j++) if (light[j] < light[least]) least = j;
+            if (light[least] >= found) continue;
+        }
+        light[least] = found;
+        lights->mirrored[least] = m;
+    }
+    return l->stages.stage + 1;
+}
+
 static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     const sbl__device *d = l->device;
@@ -7297,7 +7473,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     const size_t records = sizeof(sbl__light_record) * (size_t)lights->count;
     const size_t glows = sizeof(sbl__glow) * (size_t)lights->glow_count;
     const size_t layers = 16 * (size_t)lights->groups * (size_t)lights->glow_count;
-    const size_t bytes = nodes + leaves + records + glows + layers;
+    const size_t mirrored = sizeof(sbl__mirrored) * (size_t)lights->mirrored_count;
+    const size_t bytes = nodes + leaves + records + glows + layers + mirrored;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     double place[3];
@@ -7319,7 +7496,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
         }
         for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         if (glows) memcpy(all + nodes + leaves + records, lights->glows, glows);
-        if (layers) sbl__lights_write_shares(lights, (float *)(void *)(all + bytes - layers));
+        if (layers) sbl__lights_write_shares(lights, (float *)(void *)(all + bytes - mirrored - layers));
+        if (mirrored) memcpy(all + bytes - mirrored, lights->mirrored, mirrored);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
@@ -7331,12 +7509,15 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
 /* Sets the inputs of lamp.glsl. */
 static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
     const int leaf = (int)sizeof(sbl__lamp_node) / 16 * l->nodes;
+    const int layers = leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count +
+                       (int)sizeof(sbl__glow) / 16 * l->glow_count;
     sbl__bind_table(d, "sbl_lamps", &l->table);
     sbl__set_int(d, "sbl_first_leaf", leaf);
     sbl__set_int(d, "sbl_first_light", leaf + l->leaves);
     sbl__set_int(d, "sbl_first_glow", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count);
-    sbl__set_int(d, "first_glow_layer", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count +
-                                        (int)sizeof(sbl__glow) / 16 * l->glow_count);
+    sbl__set_int(d, "first_glow_layer", layers);
+    sbl__set_int(d, "sbl_first_mirrored", layers + l->groups * l->glow_count);
+    sbl__set_int(d, "mirrored_count", l->mirrored_count);
     sbl__set_int(d, "lamp_nodes", l->nodes);
     sbl__set_int(d, "lamp_leaves", l->leaves);
     sbl__set_float(d, "unit", l->unit);
@@ -7352,6 +7533,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
         { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
+        { NULL, sbl__lamps_mirror, sbl__planes_add, sbl__planes_candidates },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
     sbl__lamps *l = lights->building;
@@ -7767,6 +7949,12 @@ static const char *const sbl__glsl_frame[] = {
 "vec3 sbl_by_cosine(mat3 frame, vec2 u) {\n",
 "    float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;\n",
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
+"}\n",
+"\n",
+"// Returns the u for which sbl_by_cosine returns a direction. local: unit direction in the frame; below the\n",
+"// horizon, the result is that of its mirror image.\n",
+"vec2 sbl_by_cosine_inverse(vec3 local) {\n",
+"    return vec2(clamp(1.0 - local.z * local.z, 0.0, 0.9999999), fract(atan(local.y, local.x) / (2.0 * SBL_PI)));\n",
 "}\n",
 "\n",
 "// Returns the normalised interpolated normal or, if it is too short, `face`.\n",
@@ -12822,6 +13010,26 @@ static const char *const sbl__glsl_guide[] = {
 "    u = (vec2(band.z, sector.z) + (x - begins) / widths) / counts;\n",
 "    return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));\n",
 "}\n",
+"\n",
+"// Returns the pdf of the points that sbl_guide returns, at the point u of the unit square.\n",
+"float sbl_guide_density(int guide, vec2 u) {\n",
+"    const ivec2 counts = ivec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);\n",
+"    ivec2 bin = min(ivec2(u * vec2(counts)), counts - 1);\n",
+"    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
+"    float density = 1.0;\n",
+"    for (int axis = 0; axis < 2; axis++) {\n",
+"        float begins[2];  // of the bin's interval and of the next one\n",
+"        for (int k = 0; k < 2; k++) {\n",
+"            int i = min(bin[axis] + k, counts[axis] - 1);\n",
+"            uint two = texelFetch(sbl_guides, from + ivec2(i / 8, 0), 0)[i % 8 / 2];\n",
+"            begins[k] = float(two >> (16 * (i & 1)) & 0xffffu);\n",
+"        }\n",
+"        if (bin[axis] == counts[axis] - 1) begins[1] = SBL_GUIDE_STEPS;\n",
+"        density *= (begins[1] - begins[0]) * float(counts[axis]) / SBL_GUIDE_STEPS;\n",
+"        from.x += (SBL_GUIDE_BANDS + bin.x * SBL_GUIDE_SECTORS) / 8;\n",
+"    }\n",
+"    return density;\n",
+"}\n",
 "#endif\n",
 0 };
 /* <<glsl */
@@ -12833,20 +13041,20 @@ static const char *const sbl__glsl_reflect[] = {
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe\n",
-"// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that\n",
-"// arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
+"// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps\n",
+"// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
 "// \"Path Space Regularization for Holistic and Robust Light Transport\"). Gloss gets at least SBL_BLURRED_GLOSS,\n",
 "// because it reflects less light.\n",
-"const float SBL_BLURRED = 0.3, SBL_BLURRED_GLOSS = 0.15, SBL_BLURRED_LOBE = 0.5;\n",
+"const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
 "                             // (sbl_lobe_met); 0: ignore lamps that the ray hits\n",
 "\n",
 "// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines\n",
-"// for a part of the rays only, with the chance reflectance / SBL_SHINY. Opacity is divided by this chance, because\n",
-"// it is a factor of the lobe. A pane always shines, because sbl_passes has chosen the rays that it reflects. The\n",
-"// albedo of gloss becomes that of its diffuse part for this angle. direction: direction of the ray. last: true if\n",
-"// the ray ends here; nothing shines then, and the albedo includes the lobe\n",
+"// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is\n",
+"// divided by this chance, because it is a factor of the lobe. A pane always shines, because sbl_passes has chosen\n",
+"// the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this angle. direction:\n",
+"// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
 "    hit_shines = sbl_shines(m, m.reflectance);\n",
 "    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {\n",
@@ -12857,6 +13065,7 @@ static const char *const sbl__glsl_reflect[] = {
 "        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;\n",
 "        vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));\n",
 "        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_SHINY, 1.0);\n",
+"        chance = max(chance, chance_least);\n",
 "        if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;\n",
 "        hit_shines = sbl_random_of(hit, 1u) < chance;\n",
 "        m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? reflected : vec3(0));\n",
@@ -12901,8 +13110,8 @@ static const char *const sbl__glsl_reflect[] = {
 "const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);\n",
 "\n",
 "// Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.\n",
-"// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the chance\n",
-"// of the point among those that were tried, times its MIS weight.\n",
+"// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
+"// chance of the point among those that were tried, times its MIS weight.\n",
 "vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
 "    sbl_Sample tried = s;\n",
 "    vec3 light = vec3(0);\n",
@@ -12926,8 +13135,8 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment. direction:\n",
-"// direction of the ray that arrives at the hit. hash: source of the random numbers\n",
+"// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.\n",
+"// direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -13121,6 +13330,12 @@ static const char *const sbl__glsl_trace[] = {
 "    mat3 frame = sbl_frame(sbl_look_normal(look));\n",
 "    uvec2 scramble = sbl_look_scramble(look);\n",
 "    uint which = sbl_look_which(look);\n",
+"#ifdef SBL_GUIDED\n",
+"    int guide = int(which >> SBL_LOOK_GUIDE_SHIFT);\n",
+"#endif\n",
+"#ifdef SBL_SEES_MIRRORED\n",
+"    if (spread > 0.0) sbl_mirrored_begin(origin, frame[2]);\n",
+"#endif\n",
 "    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;\n",
 "    float every = 1.0;  // factor of each ray's light\n",
 "#ifdef SBL_LOBE\n",
@@ -13149,10 +13364,32 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "        ray_density = 0.0;\n",
 "#endif\n",
-"#ifdef SBL_GUIDED\n",
-"        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);\n",
+"#ifdef SBL_SEES_MIRRORED\n",
+"        bool to_mirrored = u.x < mirrored_rays;\n",
+"        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - mirrored_rays) / (1.0 - mirrored_rays);\n",
+"        vec2 u_mirrored = u;\n",
 "#endif\n",
-"        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, throughput = vec3(weight);\n",
+"#ifdef SBL_GUIDED\n",
+"        weight = sbl_guide(guide, u);\n",
+"#endif\n",
+"        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin;\n",
+"#ifdef SBL_SEES_MIRRORED\n",
+"        if (to_mirrored) {\n",
+"            direction = sbl_mirrored_sample(u_mirrored);\n",
+"            u = sbl_by_cosine_inverse(direction * frame);\n",
+"#ifdef SBL_GUIDED\n",
+"            weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);\n",
+"#endif\n",
+"        }\n",
+"        if (mirrored_rays > 0.0) {\n",
+"            float cosine = max(dot(direction, frame[2]), 0.0);\n",
+"            float mirrored = mirrored_rays * sbl_mirrored_density(direction);\n",
+"            float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);\n",
+"            weight = cosine / (SBL_PI * max(density, SBL_DIVISOR_LEAST));\n",
+"            chance_least = mirrored / max(density, SBL_DIVISOR_LEAST);\n",
+"        }\n",
+"#endif\n",
+"        vec3 throughput = vec3(weight);\n",
 "#ifdef SBL_LOBE\n",
 "        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
 "        throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);\n",
@@ -13168,6 +13405,9 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_LOBE\n",
 "        bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon\n",
 "        if (is_below) legs = 0;\n",
+"#endif\n",
+"#ifdef SBL_SEES_MIRRORED\n",
+"        if (weight <= 0.0) legs = 0;  // below the horizon\n",
 "#endif\n",
 "        for (int leg = 0; leg < legs; leg++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
@@ -13195,6 +13435,9 @@ static const char *const sbl__glsl_trace[] = {
 "            arriving = direction;\n",
 "#endif\n",
 "            sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);\n",
+"#ifdef SBL_SPECULAR\n",
+"            chance_least = 0.0;\n",
+"#endif\n",
 "            if (leg == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
@@ -13243,14 +13486,108 @@ static const char *const sbl__glsl_trace[] = {
 0 };
 /* <<glsl */
 
+/* >>glsl mirrored: shaders_embedded/mirrored.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_mirrored[] = {
+"// Sends a part of a sensor's rays to lamps that it may see in flat surfaces with a narrow lobe, such as polished\n",
+"// tiles. Other rays find these highlights by chance only, and show them as specks. The directions change, but not\n",
+"// the light: the weight of a ray is 1 / its pdf, whichever way its direction was chosen (balance heuristic, Veach\n",
+"// 1997).\n",
+"#if defined(SBL_BOUNCED) && defined(SBL_SPECULAR) && !defined(SBL_LOBE)\n",
+"#define SBL_SEES_MIRRORED\n",
+"uniform int mirrored_count;               // number of records in the scene\n",
+"\n",
+"const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps: those that may give most light\n",
+"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if there are any\n",
+"const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
+"vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
+"float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
+"float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
+"\n",
+"// Puts a mirrored lamp into the sorted list, which keeps those of the largest chances.\n",
+"void sbl_mirrored_add(vec4 way, float chance) {\n",
+"    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
+"        bool before = chance > mirrored_chance[k];\n",
+"        vec4 next_way = before ? mirrored_way[k] : way;\n",
+"        float next = before ? mirrored_chance[k] : chance;\n",
+"        if (before) mirrored_way[k] = way;\n",
+"        if (before) mirrored_chance[k] = chance;\n",
+"        way = next_way;\n",
+"        chance = next;\n",
+"    }\n",
+"}\n",
+"\n",
+"// Chooses the mirrored lamps of a sensor. The width of a highlight is that of the lobe, as seen from the sensor,\n",
+"// and of the lamp. A deviation of the ray by x turns the half vector by x / 2 * (distance to the lamp's image) /\n",
+"// (distance from the mirror to this image).\n",
+"void sbl_mirrored_begin(vec3 from, vec3 normal) {\n",
+"    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
+"        mirrored_way[k] = vec4(normal, 1);\n",
+"        mirrored_chance[k] = 0.0;\n",
+"    }\n",
+"    for (int i = 0; i < mirrored_count; i++) {\n",
+"        bool distant = sbl_mirrored_distant(i) != 0u;\n",
+"        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
+"        vec3 to = sbl_mirrored_middle(i) - (distant ? vec3(0) : from);\n",
+"        float away = max(length(to), SBL_DIVISOR_LEAST), radius = sbl_mirrored_radius(i);\n",
+"        vec3 way = to / away;\n",
+"        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
+"        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
+"        if (height <= 0.0 || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
+"        float to_mirror = height / mirror_cosine;\n",
+"        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
+"        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
+"        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
+"        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
+"        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
+"        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
+"        float light = (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);\n",
+"        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
+"    }\n",
+"    float sum = 0.0;\n",
+"    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
+"    for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);\n",
+"    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS : 0.0;\n",
+"}\n",
+"\n",
+"// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",
+"// between both has the distribution of GGX.\n",
+"vec3 sbl_mirrored_sample(vec2 u) {\n",
+"    vec4 way = mirrored_way[0];\n",
+"    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];\n",
+"    for (int k = 1; k < SBL_MIRRORED; k++) {\n",
+"        bool taken = u.x >= sum && mirrored_chance[k] > 0.0;\n",
+"        way = taken ? mirrored_way[k] : way;\n",
+"        first = taken ? sum : first;\n",
+"        chance = taken ? mirrored_chance[k] : chance;\n",
+"        sum += mirrored_chance[k];\n",
+"    }\n",
+"    float x = clamp((u.x - first) / chance, 0.0, 0.999999), angle = 2.0 * SBL_PI * u.y;\n",
+"    float tangent = sqrt(way.w * x / (1.0 - x));\n",
+"    return normalize(sbl_frame(way.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));\n",
+"}\n",
+"\n",
+"// Returns the pdf, per solid angle, of the directions that sbl_mirrored_sample returns.\n",
+"float sbl_mirrored_density(vec3 direction) {\n",
+"    float density = 0.0;\n",
+"    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
+"        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);\n",
+"        float t = z * z * width2 + max(1.0 - z * z, 0.0);\n",
+"        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
+"    }\n",
+"    return density;\n",
+"}\n",
+"#endif\n",
+0 };
+/* <<glsl */
+
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
-      sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_reflect,
-      sbl__glsl_trace },
+      sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_mirrored, sbl__glsl_lamp,
+      sbl__glsl_reflect, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record,
-      &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record },
+      &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record, &sbl__mirrored_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL |
     SBL__SPECULAR | SBL__LOBE | SBL__GROUPS
 };

@@ -12,6 +12,12 @@ vec3 sbl_by_cosine(mat3 frame, vec2 u) {
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }
 
+// Returns the u for which sbl_by_cosine returns a direction. local: unit direction in the frame; below the
+// horizon, the result is that of its mirror image.
+vec2 sbl_by_cosine_inverse(vec3 local) {
+    return vec2(clamp(1.0 - local.z * local.z, 0.0, 0.9999999), fract(atan(local.y, local.x) / (2.0 * SBL_PI)));
+}
+
 // Returns the normalised interpolated normal or, if it is too short, `face`.
 vec3 sbl_unit_normal(vec3 normal, vec3 face) {
     float length2 = dot(normal, normal);

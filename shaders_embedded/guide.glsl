@@ -35,4 +35,24 @@ float sbl_guide(int guide, inout vec2 u) {
     u = (vec2(band.z, sector.z) + (x - begins) / widths) / counts;
     return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));
 }
+
+// Returns the pdf of the points that sbl_guide returns, at the point u of the unit square.
+float sbl_guide_density(int guide, vec2 u) {
+    const ivec2 counts = ivec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);
+    ivec2 bin = min(ivec2(u * vec2(counts)), counts - 1);
+    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
+    float density = 1.0;
+    for (int axis = 0; axis < 2; axis++) {
+        float begins[2];  // of the bin's interval and of the next one
+        for (int k = 0; k < 2; k++) {
+            int i = min(bin[axis] + k, counts[axis] - 1);
+            uint two = texelFetch(sbl_guides, from + ivec2(i / 8, 0), 0)[i % 8 / 2];
+            begins[k] = float(two >> (16 * (i & 1)) & 0xffffu);
+        }
+        if (bin[axis] == counts[axis] - 1) begins[1] = SBL_GUIDE_STEPS;
+        density *= (begins[1] - begins[0]) * float(counts[axis]) / SBL_GUIDE_STEPS;
+        from.x += (SBL_GUIDE_BANDS + bin.x * SBL_GUIDE_SECTORS) / 8;
+    }
+    return density;
+}
 #endif

@@ -81,11 +81,6 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 }
 
 #ifdef SBL_SPECULAR
-// A surface shines if it has a lobe whose reflectance along the normal exceeds this. Rays that hit it continue
-// in the lobe. Other surfaces with a lobe are gloss.
-const float SBL_SHINY = 0.2;
-const float SBL_GLOSS_MET = 0.5;  // rays find rougher gloss diffuse
-
 // Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.
 bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;

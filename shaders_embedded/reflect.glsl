@@ -3,20 +3,20 @@
 
 #ifdef SBL_SPECULAR
 // A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
-// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps that
-// arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
+// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps
+// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
 // "Path Space Regularization for Holistic and Robust Light Transport"). Gloss gets at least SBL_BLURRED_GLOSS,
 // because it reflects less light.
-const float SBL_BLURRED = 0.3, SBL_BLURRED_GLOSS = 0.15, SBL_BLURRED_LOBE = 0.5;
+const float SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_met); 0: ignore lamps that the ray hits
 
 // Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines
-// for a part of the rays only, with the chance reflectance / SBL_SHINY. Opacity is divided by this chance, because
-// it is a factor of the lobe. A pane always shines, because sbl_passes has chosen the rays that it reflects. The
-// albedo of gloss becomes that of its diffuse part for this angle. direction: direction of the ray. last: true if
-// the ray ends here; nothing shines then, and the albedo includes the lobe
+// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is
+// divided by this chance, because it is a factor of the lobe. A pane always shines, because sbl_passes has chosen
+// the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this angle. direction:
+// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_shines = sbl_shines(m, m.reflectance);
     for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {
@@ -27,6 +27,7 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) 
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
         vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));
         float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_SHINY, 1.0);
+        chance = max(chance, chance_least);
         if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;
         hit_shines = sbl_random_of(hit, 1u) < chance;
         m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? reflected : vec3(0));
@@ -71,8 +72,8 @@ const int SBL_LAMP_TRIES = 8;
 const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);
 
 // Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.
-// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the chance
-// of the point among those that were tried, times its MIS weight.
+// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the
+// chance of the point among those that were tried, times its MIS weight.
 vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {
     sbl_Sample tried = s;
     vec3 light = vec3(0);
@@ -96,8 +97,8 @@ vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sa
 }
 #endif
 
-// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment. direction:
-// direction of the ray that arrives at the hit. hash: source of the random numbers
+// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
+// direction: direction of the ray that arrives at the hit. hash: source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;

@@ -124,6 +124,12 @@ void main() {
     mat3 frame = sbl_frame(sbl_look_normal(look));
     uvec2 scramble = sbl_look_scramble(look);
     uint which = sbl_look_which(look);
+#ifdef SBL_GUIDED
+    int guide = int(which >> SBL_LOOK_GUIDE_SHIFT);
+#endif
+#ifdef SBL_SEES_MIRRORED
+    if (spread > 0.0) sbl_mirrored_begin(origin, frame[2]);
+#endif
     int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;
     float every = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
@@ -152,10 +158,32 @@ void main() {
 #ifdef SBL_SPECULAR
         ray_density = 0.0;
 #endif
-#ifdef SBL_GUIDED
-        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
+#ifdef SBL_SEES_MIRRORED
+        bool to_mirrored = u.x < mirrored_rays;
+        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - mirrored_rays) / (1.0 - mirrored_rays);
+        vec2 u_mirrored = u;
 #endif
-        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, throughput = vec3(weight);
+#ifdef SBL_GUIDED
+        weight = sbl_guide(guide, u);
+#endif
+        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin;
+#ifdef SBL_SEES_MIRRORED
+        if (to_mirrored) {
+            direction = sbl_mirrored_sample(u_mirrored);
+            u = sbl_by_cosine_inverse(direction * frame);
+#ifdef SBL_GUIDED
+            weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);
+#endif
+        }
+        if (mirrored_rays > 0.0) {
+            float cosine = max(dot(direction, frame[2]), 0.0);
+            float mirrored = mirrored_rays * sbl_mirrored_density(direction);
+            float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);
+            weight = cosine / (SBL_PI * max(density, SBL_DIVISOR_LEAST));
+            chance_least = mirrored / max(density, SBL_DIVISOR_LEAST);
+        }
+#endif
+        vec3 throughput = vec3(weight);
 #ifdef SBL_LOBE
         for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
         throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
@@ -171,6 +199,9 @@ void main() {
 #ifdef SBL_LOBE
         bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon
         if (is_below) legs = 0;
+#endif
+#ifdef SBL_SEES_MIRRORED
+        if (weight <= 0.0) legs = 0;  // below the horizon
 #endif
         for (int leg = 0; leg < legs; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
@@ -198,6 +229,9 @@ void main() {
             arriving = direction;
 #endif
             sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
+#ifdef SBL_SPECULAR
+            chance_least = 0.0;
+#endif
             if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));

@@ -168,9 +168,16 @@ float sbl_random_of(sbl_Hit hit, uint which) {
 }
 #endif
 
+#ifdef SBL_SPECULAR
+// Raises the chance with which gloss reflects the ray by its lobe (see sbl_face_ray) and with which panes reflect
+// it. 0 to 1: the probability that the ray was sent to a lamp in a mirror
+float chance_least = 0.0;
+#endif
+
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
-// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted fraction
-// (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH).
+// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted
+// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray
+// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.
 bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
@@ -179,8 +186,9 @@ bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
     if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;
-    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < most;
-    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / most : vec3(1.0 / (1.0 - most));
+    float chance = most * (1.0 - 0.5 * chance_least);
+    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < chance;
+    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));
     return passes;
 }
 #endif

@@ -1,0 +1,89 @@
+// Sends a part of a sensor's rays to lamps that it may see in flat surfaces with a narrow lobe, such as polished
+// tiles. Other rays find these highlights by chance only, and show them as specks. The directions change, but not
+// the light: the weight of a ray is 1 / its pdf, whichever way its direction was chosen (balance heuristic, Veach
+// 1997).
+#if defined(SBL_BOUNCED) && defined(SBL_SPECULAR) && !defined(SBL_LOBE)
+#define SBL_SEES_MIRRORED
+uniform int mirrored_count;               // number of records in the scene
+
+const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps: those that may give most light
+const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if there are any
+const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
+vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width
+float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
+float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps
+
+// Puts a mirrored lamp into the sorted list, which keeps those of the largest chances.
+void sbl_mirrored_add(vec4 way, float chance) {
+    for (int k = 0; k < SBL_MIRRORED; k++) {
+        bool before = chance > mirrored_chance[k];
+        vec4 next_way = before ? mirrored_way[k] : way;
+        float next = before ? mirrored_chance[k] : chance;
+        if (before) mirrored_way[k] = way;
+        if (before) mirrored_chance[k] = chance;
+        way = next_way;
+        chance = next;
+    }
+}
+
+// Chooses the mirrored lamps of a sensor. The width of a highlight is that of the lobe, as seen from the sensor,
+// and of the lamp. A deviation of the ray by x turns the half vector by x / 2 * (distance to the lamp's image) /
+// (distance from the mirror to this image).
+void sbl_mirrored_begin(vec3 from, vec3 normal) {
+    for (int k = 0; k < SBL_MIRRORED; k++) {
+        mirrored_way[k] = vec4(normal, 1);
+        mirrored_chance[k] = 0.0;
+    }
+    for (int i = 0; i < mirrored_count; i++) {
+        bool distant = sbl_mirrored_distant(i) != 0u;
+        vec3 mirror_normal = sbl_mirrored_normal(i);
+        vec3 to = sbl_mirrored_middle(i) - (distant ? vec3(0) : from);
+        float away = max(length(to), SBL_DIVISOR_LEAST), radius = sbl_mirrored_radius(i);
+        vec3 way = to / away;
+        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);
+        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);
+        if (height <= 0.0 || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;
+        float to_mirror = height / mirror_cosine;
+        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
+        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
+        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
+        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));
+        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;
+        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);
+        float light = (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);
+        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));
+    }
+    float sum = 0.0;
+    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];
+    for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);
+    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS : 0.0;
+}
+
+// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle
+// between both has the distribution of GGX.
+vec3 sbl_mirrored_sample(vec2 u) {
+    vec4 way = mirrored_way[0];
+    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];
+    for (int k = 1; k < SBL_MIRRORED; k++) {
+        bool taken = u.x >= sum && mirrored_chance[k] > 0.0;
+        way = taken ? mirrored_way[k] : way;
+        first = taken ? sum : first;
+        chance = taken ? mirrored_chance[k] : chance;
+        sum += mirrored_chance[k];
+    }
+    float x = clamp((u.x - first) / chance, 0.0, 0.999999), angle = 2.0 * SBL_PI * u.y;
+    float tangent = sqrt(way.w * x / (1.0 - x));
+    return normalize(sbl_frame(way.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));
+}
+
+// Returns the pdf, per solid angle, of the directions that sbl_mirrored_sample returns.
+float sbl_mirrored_density(vec3 direction) {
+    float density = 0.0;
+    for (int k = 0; k < SBL_MIRRORED; k++) {
+        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);
+        float t = z * z * width2 + max(1.0 - z * z, 0.0);
+        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;
+    }
+    return density;
+}
+#endif
