@@ -50,7 +50,7 @@ static double plan__cost_before(const plan_cost *c, double x, double y) {
     return (1 - fy) * ((1 - fx) * s[0] + fx * s[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
 }
 
-#define PLAN_MARGIN 12  /* pixels; a window is computed with a border of this width, which adds to its cost */
+#define PLAN_MARGIN 4  /* pixels; a window is computed with a border of this width, which adds to its cost */
 
 /* Returns the cost of a window of a picture with this size. c: NULL: the cost is the area of the window in pixels */
 static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) {
