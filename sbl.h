@@ -16796,7 +16796,7 @@ typedef struct sbl__pixel_lobe {
 #define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
 #define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
-#define SBL__WORK_STEPS 12.0f           /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
+#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
                                            through the hierarchy */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 /* What a round buys: splits of tiles, and looks of sensors. */
