@@ -745,7 +745,9 @@
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
    same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side.
+   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays place
+   nearly the same sensors, with the same numbers of looks, as a complete picture with this mean and price; therefore
+   the light has about the same steps at their borders as it has there.
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four:
@@ -17488,8 +17490,8 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     return light * light;
 }
 
-/* Adds the pixels in row y of the range to the tile's sums: pixels, counted, weight2, foreseen_bias2 and uncovered. Sets
-   c->must_split if the corners give one of these pixels too little weight. */
+/* Adds the pixels in row y of the range to the tile's sums: pixels, counted, weight2, foreseen_bias2 and uncovered.
+   Sets c->must_split if the corners give one of these pixels too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
