@@ -785,7 +785,9 @@
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
    same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side.
+   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays place
+   nearly the same sensors, with the same numbers of looks, as a complete picture with this mean and price; therefore
+   the light has about the same steps at their borders as it has there.
 
    The joined picture is not to the bit that of one call. If options.rays is set and nothing is refined (tile = 1), both
    differ by rounding, which sends single rays past an edge (0.01 % of the mean in all). With a target error, the joined
@@ -9048,6 +9050,15 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
+/* Returns 1 if the error of at least one pixel counts in a rectangle of the working grid. from, to: its upper left and
+   lower right pixels, x and y */
+static int sbl__window_touches(const sbl__window *w, const int from[2], const int to[2]) {
+    int k, touches = 1;
+    for (k = 0; k < 2; k++)
+        touches &= to[k] >= w->inset[k] - w->margin && from[k] < w->inset[k] + w->shown[k] + w->margin;
+    return touches;
+}
+
 /* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
     if (!w[0] && !w[1] && !w[2] && !w[3]) return;
@@ -17248,6 +17259,8 @@ typedef struct sbl__pixel_lobe {
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
 #define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
+#define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
+                                           bought, until it is the price */
 /* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
    SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
 #define SBL__TILE_ERROR_MAX 5.0f
@@ -17263,8 +17276,10 @@ typedef struct sbl__tile {
     unsigned char must_split; /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* initial number of looks of new sensors at the tile's corners */
-    int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
-                                 whose errors count (sbl__window_counts) */
+    int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels) and that show a surface; 0
+                                 if the error of no pixel counts. The tiles of a window's margin are refined as in
+                                 the adjacent window */
+    int counted;              /* number of those `pixels` whose errors count (sbl__window_counts) */
     float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
                                  errors of R are predicted */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
@@ -17476,12 +17491,13 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__sensor *s, int before,
 
 /* Computes r->variance_shares: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
    differences, because the advantage of a Sobol sequence over independent points depends on the scene. A share [k] with
-   too few differences is corrected by the factor of share [k - 1]. */
+   too few differences is corrected by the factor of share [k - 1]. With a price, no share is corrected, because each
+   window would correct it by another factor, and its noise would then differ from that of adjacent windows. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
     for (k = 0; k < SBL__DOUBLINGS; k++) {
-        if (r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
+        if (!(r->price > 0) && r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
             times = SBL__MAX(SBL__MIN(r->measured2[k] / r->expected2[k], SBL__LOOKS_CORRECTION_MAX),
                              SBL__LOOKS_CORRECTION_MIN);
         r->variance_shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
@@ -17909,16 +17925,17 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     return light * light;
 }
 
-/* Adds the pixels in row y of the range to the tile's sums: pixels, weight2, foreseen_bias2 and uncovered. Sets
-   c->must_split if the corners give one of these pixels too little weight. */
+/* Adds the pixels in row y of the range to the tile's sums: pixels, counted, weight2, foreseen_bias2 and uncovered.
+   Sets c->must_split if the corners give one of these pixels too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
     for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         sbl__mix m;
-        if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
+        if (!p->id) continue;
         c->pixels++;
+        c->counted += sbl__window_counts(&r->window, x, y);
         if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
         if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
         if (r->lobes) c->foreseen_bias2 += sbl__tile_foresee(r, c, x, y);
@@ -18644,9 +18661,9 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++)
-        r->sum[k] += (double)light[k] * c->pixels / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
-    r->pixels_summed += c->pixels;
-    r->look_variance += (double)c->variance * (double)c->weight2 * c->pixels;
+        r->sum[k] += (double)light[k] * c->counted / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
+    r->pixels_summed += c->counted;
+    r->look_variance += (double)c->variance * (double)c->weight2 * c->counted;
     c->light = sbl__luminance(light) / (float)count;
 }
 
@@ -18675,8 +18692,8 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     c->noise2 *= c->weight2;
     least = SBL__MAX(c->unseen_bias2, c->foreseen_bias2);
     c->bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
-    r->bias2 += (double)c->bias2 * interpolated;
-    r->noise2 += (double)c->noise2 * c->pixels;
+    r->bias2 += (double)c->bias2 * SBL__MAX(c->counted - 1, 0);
+    r->noise2 += (double)c->noise2 * c->counted;
     bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
     weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
     if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
@@ -18712,15 +18729,16 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
 }
 
 /* Returns the lowest worth of the looks and splits that this round buys, so that the sum of squared errors falls from
-   `left` to `target`, or as close to it as one round may go. With a price, later rounds buy everything worth at least
-   the price. */
+   `left` to `target`, or as close to it as one round may go. With a price, the lowest worth depends only on the price
+   and on the number of the round: sensors whose surroundings are the same in two windows are then the same, too. */
 static float sbl__weigh_price(const sbl__refine *r, double left, double target) {
     double rest = left, aim;
     int bin;
+    if (r->price > 0) return (float)ldexp((double)r->price, SBL__MAX(SBL__PRICE_ROUNDS + 1 - r->rounds, 0));
     for (bin = 1; bin < SBL__GAIN_BINS; bin++) rest -= r->gains[bin];
-    aim = SBL__MAX(SBL__AIM_SHARE * left, r->price > 0 ? 0 : SBL__MAX(SBL__AIM_BELOW * target, SBL__AIM_REST * rest));
+    aim = SBL__MAX(SBL__AIM_SHARE * left, SBL__MAX(SBL__AIM_BELOW * target, SBL__AIM_REST * rest));
     while (bin > 1 && left > aim) left -= r->gains[--bin];
-    return SBL__MAX(sbl__bin_worth(bin), r->price);
+    return sbl__bin_worth(bin);
 }
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring bias and
@@ -18742,7 +18760,8 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->least_worth = FLT_MAX;
     if ((left <= target2 * pixels && !(r->price > 0)) || r->rounds > SBL__MAX_ROUNDS) return;
     r->least_worth = sbl__weigh_price(r, left, target2 * pixels);
-    if (r->least_worth < sbl__bin_worth(SBL__GAIN_BINS - 1)) r->price_paid = r->least_worth;
+    if (r->least_worth < sbl__bin_worth(SBL__GAIN_BINS - 1))
+        r->price_paid = r->price_paid > 0 ? SBL__MIN(r->price_paid, r->least_worth) : r->least_worth;
 }
 
 /* Computes the sums of new tiles and `must_split`, row by row, see sbl__tile_count. */
@@ -18752,11 +18771,13 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
         sbl__tile *c = &r->tiles[*at];
         const sbl__range pixels = sbl__tile_pixels(r, c);
-        if (r->row == 0) c->pixels = c->must_split = 0;
+        const int from[2] = { pixels.x[0], pixels.y[0] }, to[2] = { pixels.x[1], pixels.y[1] };
+        const int counts = sbl__window_touches(&r->window, from, to);
+        if (r->row == 0) c->pixels = c->counted = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
         if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
         if (r->row == 0) c->foreseen_bias2 = 0;
-        for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
+        for (; counts && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
@@ -18907,9 +18928,11 @@ static int sbl__refine_after_restart(void *work) {
     return SBL__REFINE_COLLECT;
 }
 
+/* With a price, ends no earlier than the round that buys everything worth the price. */
 static int sbl__refine_after_spend(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
-    return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
+    const int lowers = r->price > 0 && r->rounds <= SBL__PRICE_ROUNDS;
+    return r->bought || lowers ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
 static int sbl__refine_after_guides(void *work) {

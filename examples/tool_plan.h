@@ -50,7 +50,7 @@ static double plan__cost_before(const plan_cost *c, double x, double y) {
     return (1 - fy) * ((1 - fx) * s[0] + fx * s[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
 }
 
-#define PLAN_MARGIN 12  /* pixels; a window is computed with a border of this width, which adds to its cost */
+#define PLAN_MARGIN 6  /* pixels; a window costs about as much as one that is wider by this at each side */
 
 /* Returns the cost of a window of a picture with this size. c: NULL: the cost is the area of the window in pixels */
 static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) {
@@ -102,24 +102,53 @@ static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int 
     return best;
 }
 
-/* Divides a window into `count` windows of nearly equal cost, and adds them to p->windows. Returns 0 if it has too few
-   pixels. c: NULL: the cost is the area */
-static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
-    const int counts[2] = { count / 2, count - count / 2 }, longer = window[3] > window[2];
-    int axis = longer, at, parts[2][4];
-    if (count == 1) {
-        memcpy(p->windows[p->count++], window, sizeof p->windows[0]);
-        return 1;
-    }
-    at = plan__cut(c, size, window, axis, counts);
-    if (!at) at = plan__cut(c, size, window, axis = !longer, counts);
-    if (!at) return 0;
+static double plan_divide(plan *p, const plan_cost *c, const int size[2], const int window[4], int count);
+
+/* Cuts a window in two along an axis and divides both parts. counts: number of windows in each. Returns the same as
+   plan_divide. */
+static double plan__divide_along(plan *p, const plan_cost *c, const int size[2], const int window[4], int axis,
+                                 const int counts[2]) {
+    const int at = plan__cut(c, size, window, axis, counts);
+    int parts[2][4];
+    double costs[2];
+    if (!at) return -1;
     memcpy(parts[0], window, sizeof parts[0]);
     memcpy(parts[1], window, sizeof parts[1]);
     parts[0][2 + axis] = at;
     parts[1][axis] += at;
     parts[1][2 + axis] -= at;
-    return plan_divide(p, c, size, parts[0], counts[0]) && plan_divide(p, c, size, parts[1], counts[1]);
+    costs[0] = plan_divide(p, c, size, parts[0], counts[0]);
+    costs[1] = costs[0] < 0 ? -1 : plan_divide(p, c, size, parts[1], counts[1]);
+    return costs[1] < 0 ? -1 : fmax(costs[0], costs[1]);
+}
+
+enum { PLAN_SEARCHED = 16 };  /* up to this number of windows, plan_divide tries several ways to divide */
+
+/* Divides a window into `count` windows of nearly equal cost, and adds them to p->windows. Returns the cost of the most
+   expensive one, or a negative number if the window has too few pixels. Tries cuts along both axes, with half of the
+   windows in each part, one more, or one fewer; many windows are first divided in halves along the longer axis. c:
+   NULL: the cost is the area, and the longer axis is always preferred */
+static double plan_divide(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
+    const int searches = c && count <= PLAN_SEARCHED, longer = window[3] > window[2], from = p->count;
+    int best[PLAN_SEARCHED][4], way;
+    double least = -1;
+    if (count == 1) {
+        memcpy(p->windows[p->count++], window, sizeof p->windows[0]);
+        return plan__cost(c, size, window);
+    }
+    for (way = 0; way < 6 && (searches || (least < 0 && way < 2)); way++) {
+        const int first = count / 2 + (way / 2 == 1) - (way / 2 == 2), counts[2] = { first, count - first };
+        double most;
+        if (counts[0] < 1 || counts[1] < 1) continue;
+        p->count = from;
+        most = plan__divide_along(p, c, size, window, way % 2 ? !longer : longer, counts);
+        if (most < 0 || (least >= 0 && most >= least)) continue;
+        least = most;
+        if (searches) memcpy(best, p->windows + from, (size_t)count * sizeof *best);
+    }
+    if (searches && least >= 0) memcpy(p->windows + from, best, (size_t)count * sizeof *best);
+    p->count = least >= 0 ? from + count : from;
+    return least;
 }
 
 /* Returns 1 if all windows are inside a region and together have at least as many pixels as the region. */
@@ -139,7 +168,7 @@ static int plan_make(plan *p, const plan_cost *c, const int size[2], const int w
     plan_free(p);
     p->windows = (int (*)[4])calloc((size_t)count, sizeof *p->windows);
     if (!p->windows) return fail("out of memory");
-    if (plan_divide(p, c, size, window, count)) return DONE;
+    if (plan_divide(p, c, size, window, count) >= 0) return DONE;
     return misuse("%d parts are too many for a picture of %d x %d pixels", count, window[2], window[3]);
 }
 

@@ -439,6 +439,12 @@ TEST(of_pixels_that_cannot_improve) {
     CHECK(inside_bought(0.2f, 1, hopeful) <= 0, "something is bought although the target is reached");
 }
 
+/* The price of a picture is the lowest price of any round, although a last round may only make a few dear purchases. */
+TEST(of_the_last_round) {
+    CHECK(inside_price(1, 0.25f) <= 0.25 && inside_price(1, 0.25f) > 0.2, "%g", inside_price(1, 0.25f));
+    CHECK(inside_price(0.25f, 1) <= 0.25 && inside_price(0.25f, 1) > 0.2, "%g", inside_price(0.25f, 1));
+}
+
 /* In each scene, the predicted error is at most the target, and agrees with the true error as predicted_well
    requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
@@ -515,6 +521,7 @@ int main(void) {
     RUN(of_noise_in_the_store);
     RUN(of_sensors_beside_the_store);
     RUN(of_pixels_that_cannot_improve);
+    RUN(of_the_last_round);
     RUN(of_what_the_first_level_misses);
     RUN(looks_are_counted);
     sbl_destroy(context);

@@ -419,6 +419,52 @@ TEST(windows_share_a_price) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a price that is no number is accepted");
 }
 
+/* Returns the share of the sensors that are in a window alone, in the complete picture alone, or that have a different
+   number of looks there, over pixels that are less than `within` pixels from a border between the quarters of
+   make_quarters. part, whole: SBL_CHANNEL_LOOKS */
+static double changed_sensors(const int w[4], int within, int *changed, int *all) {
+    int x, y;
+    for (y = 0; y < w[3]; y++)
+        for (x = 0; x < w[2]; x++) {
+            const float here = part[y * w[2] + x], there = whole[(w[1] + y) * WIDTH + w[0] + x];
+            const int right = w[0] + x - 80, below = w[1] + y - 48;
+            if ((right < -within || right >= within) && (below < -within || below >= within)) continue;
+            *all += here > 0 || there > 0;
+            *changed += here < there || here > there;
+        }
+    return (double)*changed / *all;
+}
+
+/* Windows with one price take the sensors and looks of the complete picture with this price, also at their borders. The
+   light of few rays is noisy in the second case. */
+TEST(windows_take_the_sensors_of_the_whole) {
+    static const struct { sbl_mode mode; float error; int within; double most; } cases[2] = {
+        { SBL_MODE_DIRECT, 0.01f, 6, 0.0015 }, { SBL_MODE_GI, 0.03f, 1000, 0.01 } };
+    int i, k;
+    for (i = 0; i < 2; i++) {
+        sbl_picture_desc view = cornell_view(cases[i].mode);
+        int changed = 0, all = 0;
+        double share = 1;
+        sbl_stats s;
+        view.target_error = cases[i].error;
+        view.options.preset = SBL_PRESET_DRAFT;
+        if (!make(&view, SBL_CHANNEL_LOOKS, whole, PIXELS)) return;
+        s = sbl_query_stats(context);
+        memcpy(view.mean_radiance, s.picture.mean_radiance, sizeof view.mean_radiance);
+        view.look_rays = s.picture.look_rays;
+        view.price = s.picture.price;
+        if (!make(&view, SBL_CHANNEL_LOOKS, whole, PIXELS)) return;
+        for (k = 0; k < 4; k++) {
+            const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
+            set_window(&view, w);
+            if (!make(&view, SBL_CHANNEL_LOOKS, part, w[2] * w[3])) return;
+            share = changed_sensors(w, cases[i].within, &changed, &all);
+        }
+        CHECK(share <= cases[i].most, "%.2f %% of %d sensors differ", 100 * share, all);
+        printf("  %.2f %% of %d sensors differ\n", 100 * share, all);
+    }
+}
+
 /* SBL_CHANNEL_WORK counts looks and, if the host asks for it, the steps that rays take, here those to the lamp: more
    where the room is crowded. It is the same again, and measuring it does not change the light visibly. */
 TEST(work_is_measured) {
@@ -474,6 +520,7 @@ int main(void) {
     RUN(windows_measure_their_own_exposure);
     RUN(wrong_windows_are_refused);
     RUN(windows_share_a_price);
+    RUN(windows_take_the_sensors_of_the_whole);
     RUN(work_is_measured);
     sbl_destroy(context);
     scene_free(&cornell);

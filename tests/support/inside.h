@@ -55,4 +55,7 @@ int inside_is_exact(float target, double sensors, double store);
    squared errors of 100 pixels; target: the target error; gains: by how much each purchase reduces error2 */
 double inside_bought(float target, double error2, const double gains[3]);
 
+/* Offers two rounds of refinement one purchase each, of the given worth. Returns the price of the picture. */
+double inside_price(float first, float second);
+
 #endif

@@ -125,6 +125,22 @@ double inside_bought(float target, double error2, const double gains[3]) {
     return sum;
 }
 
+double inside_price(float first, float second) {
+    static sbl__refine r;
+    int i;
+    memset(&r, 0, sizeof r);
+    r.target_error = 0.01f;
+    r.luminance = 1;
+    r.pixels_summed = 100;
+    for (i = 0; i < 2; i++) {
+        memset(r.gains, 0, sizeof r.gains);
+        r.gains[sbl__worth_bin(i ? second : first)] = 1;
+        r.noise2 = 1;
+        sbl__weigh_end(&r);
+    }
+    return (double)r.price_paid;
+}
+
 static const char *const cast_main[] = {
     "uniform samplerBuffer rays;\n"
     "uniform int ray_count, width;\n"
