@@ -783,6 +783,144 @@ TEST(highlights_of_the_sky) {
     }
 }
 
+/* >>far from the origin */
+
+enum { FAR_SIDE = 8 };
+static const float far_off[3] = { 4096, -2048, 3072 };
+
+/* Makes a scene 2 high, and a view of it. kind: 0: a light above plastic, 1: a lamp above metal, 2: a lamp in a mirror,
+   3: a lamp behind a pane. at: where the middle of its floor is */
+static void scene_far(test_scene *s, sbl_picture_desc *view, int kind, const float at[3]) {
+    const int surface = kind == 3 ? scene_pane(s, 0.9, 0.7, 0.8, 1)
+        : scene_gloss(s, 0.9, 0.5, 0.2, kind > 0, kind == 2 ? 0.02 : 0.2);
+    scene_floor(s, surface, 0, 1);
+    if (kind == 0) {
+        float *position = scene_light(s, SBL_LIGHT_POINT, 3, 2, 1)->position;
+        position[0] = -1.5f;
+        position[1] = 1.5f;
+        position[2] = -0.25f;
+    } else if (kind == 3) scene_floor(s, scene_lamp(s, 3, 2, 1), -1, 4);
+    else scene_quad(s, scene_lamp(s, 3, 2, 1), -1.75f, 1.25f, -0.25f, -1.75f, 1.25f, 0.25f, -1.25f, 1.75f, 0.25f,
+                    -1.25f, 1.75f, -0.25f);
+    scene_scale_and_move(s, 1, at[0], at[1], at[2]);
+    *view = scene_plain(scene_view(FAR_SIDE, FAR_SIDE, 4, at[0] + 1.5f, at[1] + 1.5f, at[2] + 0.25f, at[0], at[1],
+                                   at[2]), SBL_MODE_DIRECT, 0);
+    view->options.rays = kind == 1 ? 1024 : 64;
+}
+
+/* Highlights, mirrors and panes look the same if the scene moves away by 2,700 times its height. The steps of floats
+   are 1 / 2,048 there, in which the camera and the corners are rounded. */
+TEST(distance_keeps_highlights) {
+    static const float here[3] = { 0, 0, 0 };
+    int kind, i, k;
+    for (kind = 0; kind < 4; kind++) {
+        double worst = 0, worst_place = 0, largest = 0;
+        test_scene near_s = { 0 }, far_s = { 0 };
+        sbl_picture_desc near_view, far_view;
+        shot p, q;
+        scene_far(&near_s, &near_view, kind, here);
+        scene_far(&far_s, &far_view, kind, far_off);
+        if (!shoot(&p, &near_s, &near_view)) return;
+        for (i = 0; i < FAR_SIDE * FAR_SIDE; i++) {
+            at(&p, SBL_CHANNEL_FINAL, i % FAR_SIDE, i / FAR_SIDE);
+            at(&p, SBL_CHANNEL_POSITION, i % FAR_SIDE, i / FAR_SIDE);
+        }
+        if (!shoot(&q, &far_s, &far_view)) return;
+        for (i = 0; i < 3 * FAR_SIDE * FAR_SIDE; i++) {
+            const int x = i / 3 % FAR_SIDE, y = i / 3 / FAR_SIDE;
+            const double wanted = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[i % 3];
+            const double place = (double)at(&q, SBL_CHANNEL_POSITION, x, y)[i % 3] - (double)far_off[i % 3];
+            k = i % 3;
+            largest = test_max(largest, wanted);
+            worst = test_max(worst, fabs((double)at(&q, SBL_CHANNEL_FINAL, x, y)[k] - wanted));
+            worst_place = test_max(worst_place, fabs(place - (double)at(&p, SBL_CHANNEL_POSITION, x, y)[k]));
+        }
+        printf("    kind %d: off by %.3f %% of the largest value %.3f; positions by %.5f\n", kind,
+               100 * worst / largest, largest, worst_place);
+        CHECK(worst < 0.01 * largest && worst_place < 0.002, "kind %d: light is off by %.2f %%, positions by %.5f",
+              kind, 100 * worst / largest, worst_place);
+        forget(&p);
+        forget(&q);
+        scene_free(&near_s);
+        scene_free(&far_s);
+    }
+}
+
+/* Everything that has a position moves with the scene: bounds, the camera that is chosen, inspected sensors, readings,
+   probes, and lights that are set later. */
+TEST(distance_moves_positions) {
+    static const float here[3] = { 0, 0, 0 };
+    float light[2][4], scale[2];
+    sbl_site site;
+    int away, k;
+    for (away = 0; away < 2; away++) {
+        const float *to = away ? far_off : here;
+        test_scene s = { 0 };
+        sbl_picture_desc view, whole = sbl_picture_desc_defaults(NULL);
+        sbl_readings_desc readings;
+        sbl_probes_desc probes;
+        sbl_reading reading;
+        sbl_sensor sensor;
+        sbl_probe probe;
+        sbl_bounds bounds;
+        shot p;
+        scene_far(&s, &view, 0, to);
+        if (!shoot(&p, &s, &view)) return;
+        bounds = sbl_query_bounds(context);
+        for (k = 0; k < 3; k++)
+            CHECK(bounds.lowest[k] == to[k] - (k != 1) && bounds.highest[k] == to[k] + (k != 1), "bounds %d: %g %g", k,
+                  (double)bounds.lowest[k], (double)bounds.highest[k]);
+        CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)(sensor.site.position[k] - at(&p, SBL_CHANNEL_POSITION, 4, 4)[k])) < 0.002 &&
+                  fabs((double)(sensor.position[k] - sensor.site.position[k])) < 0.002, "the sensor is elsewhere");
+        memset(&readings, 0, sizeof readings);
+        memset(&site, 0, sizeof site);
+        for (k = 0; k < 3; k++) site.position[k] = to[k] + 0.25f * (float)(k != 1);
+        site.normal[1] = 1;
+        readings.sites = &site;
+        readings.readings = &reading;
+        readings.site_count = 1;
+        readings.options.mode = SBL_MODE_DIRECT;
+        CHECK(sbl_gather_readings(context, &readings) == SBL_SUCCESS && reading.valid, "no reading");
+        light[away][0] = reading.radiance[0];
+        memset(&probes, 0, sizeof probes);
+        memset(&probe, 0, sizeof probe);
+        probes.probes = &probe;
+        probes.grid[0] = probes.grid[1] = probes.grid[2] = probes.probe_count = 1;
+        probes.lowest[0] = to[0] - 0.5f;
+        probes.highest[0] = to[0] + 0.5f;
+        probes.lowest[1] = probes.highest[1] = to[1] + 0.5f;
+        probes.lowest[2] = probes.highest[2] = to[2];
+        probes.options.mode = SBL_MODE_DIRECT;
+        CHECK(sbl_bake_probes(context, &probes) == SBL_SUCCESS, "no probe");
+        for (k = 0; k < 3; k++)
+            CHECK(probe.position[k] == to[k] + 0.5f * (float)(k == 1), "the probe is at %g", (double)probe.position[k]);
+        light[away][1] = probe.sh[0][0];
+        memset(probes.lowest, 0, sizeof probes.lowest);
+        memset(probes.highest, 0, sizeof probes.highest);
+        CHECK(sbl_bake_probes(context, &probes) == SBL_SUCCESS && probe.position[0] == to[0], "the grid is elsewhere");
+        s.lights[0].position[1] -= 1;
+        CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        CHECK(sbl_gather_readings(context, &readings) == SBL_SUCCESS, "no reading");
+        light[away][2] = reading.radiance[0];
+        whole.width = whole.height = FAR_SIDE;
+        whole.options.mode = SBL_MODE_DIRECT;
+        forget(&p);
+        REQUIRE(sbl_render_picture(context, &whole) == SBL_SUCCESS, "no picture");
+        p.view = whole;
+        p.context = context;
+        scale[away] = at(&p, SBL_CHANNEL_DEPTH, 4, 4)[0];
+        light[away][3] = at(&p, SBL_CHANNEL_ALBEDO, 4, 4)[0];
+        forget(&p);
+        scene_free(&s);
+    }
+    for (k = 0; k < 4; k++)
+        CHECK(light[0][k] > 0 && fabs((double)(light[1][k] / light[0][k]) - 1) < 0.005, "value %d: %g, and far away %g",
+              k, (double)light[0][k], (double)light[1][k]);
+    CHECK(fabs((double)(scale[1] / scale[0]) - 1) < 0.005, "the camera is elsewhere");
+}
+
 /* >>panes */
 
 /* Adds a light that is off and a distant pane, so that all scenes of these tests use the same programs. */
@@ -1859,6 +1997,8 @@ int main(void) {
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
     RUN_UNSANITIZED(highlights_of_the_sky);
+    RUN_UNSANITIZED(distance_keeps_highlights);
+    RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
     RUN_UNSANITIZED(floors_behind_panes);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
