@@ -126,6 +126,74 @@ static sbl_picture_desc view_of_ball(int side, int rays) {
     return view;
 }
 
+/* >>silhouettes */
+
+/* Adds a box from -half to half with bevelled edges, turned about the y axis. Each corner has three vertices, one per
+   face. Flat faces have flat normals. */
+static void scene_bevelled(test_scene *s, int material, float half, float bevel, float turn) {
+    float positions[72], normals[72] = { 0 };
+    uint32_t corners[3 * 44];
+    int count = 0, c, a, k;
+    for (c = 0; c < 8; c++)
+        for (a = 0; a < 3; a++) {
+            float *p = positions + 9 * c + 3 * a, *n = normals + 9 * c + 3 * a, x;
+            for (k = 0; k < 3; k++) p[k] = (c >> k & 1 ? 1.0f : -1.0f) * (half - (k == a ? 0 : bevel));
+            n[a] = c >> a & 1 ? 1.0f : -1.0f;
+            for (k = 0; k < 2; k++, p = n) {
+                x = cosf(turn) * p[0] + sinf(turn) * p[2];
+                p[2] = cosf(turn) * p[2] - sinf(turn) * p[0];
+                p[0] = x;
+            }
+        }
+    for (a = 0; a < 3; a++)
+        for (k = 0; k < 4; k++) {  /* a quad along an edge and, for two of four, a face */
+            const int u = 1 << (a + 1) % 3, w = 1 << (a + 2) % 3;
+            const int from = (k & 1 ? u : 0) | (k & 2 ? w : 0), face = k & 1 ? 1 << a : 0;
+            const int edge[4] = { 3 * from + (a + 1) % 3, 3 * from + (a + 2) % 3,
+                                  3 * (from | 1 << a) + (a + 2) % 3, 3 * (from | 1 << a) + (a + 1) % 3 };
+            const int flat[4] = { 3 * face + a, 3 * (face | u) + a, 3 * (face | u | w) + a, 3 * (face | w) + a };
+            int i;
+            for (i = 0; i < 6; i++) corners[count++] = (uint32_t)edge[i < 3 ? i : i == 3 ? 0 : i - 2];
+            for (i = 0; i < 6 && k < 2; i++) corners[count++] = (uint32_t)flat[i < 3 ? i : i == 3 ? 0 : i - 2];
+        }
+    for (c = 0; c < 24; c++) corners[count++] = (uint32_t)c;
+    for (c = 0; c < count; c += 3) {  /* all triangles face outwards */
+        const float *p = positions + 3 * corners[c], *q = positions + 3 * corners[c + 1],
+            *r = positions + 3 * corners[c + 2];
+        const float out = p[0] * (q[1] * r[2] - q[2] * r[1]) + p[1] * (q[2] * r[0] - q[0] * r[2]) +
+                          p[2] * (q[0] * r[1] - q[1] * r[0]);
+        const uint32_t second = corners[c + 1];
+        if (out < 0) corners[c + 1] = corners[c + 2], corners[c + 2] = second;
+    }
+    scene_mesh(s, material, positions, normals, NULL, 24, corners, count);
+}
+
+/* Every pixel of a white mirror with fine bevels in a white furnace has the value 1. The rasteriser finds a triangle
+   beside the centre of some pixels at the silhouette, whose back or whose other end the ray must not show. */
+TEST(silhouettes_of_mirrors_are_white) {
+    enum { SIDE = 48 };
+    static const struct { float bevel, away, turn; } cases[] = {
+        { 0.0005f, 40, 0.01f * 5 }, { 0.002f, 150, 0.01f * 42 }, { 0.002f, 150, 0.01f * 54 }, { 0.0005f, 150, 0.01f * 156 }
+    };
+    int i, k;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        const float away = cases[i].away;
+        const sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 160 / away, 0.6f * away, 0.2f * away,
+                                                             0.77f * away, 0, 0, 0), SBL_MODE_DIRECT, 0);
+        test_scene s = { 0 };
+        shot p;
+        scene_sky(&s, 1, 1, 1);
+        scene_bevelled(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0.7f, cases[i].bevel, cases[i].turn);
+        if (!shoot(&p, &s, &view)) return;
+        for (k = 0; k < SIDE * SIDE; k++) {
+            const double shown = (double)at(&p, SBL_CHANNEL_FINAL, k % SIDE, k / SIDE)[1];
+            CHECK(fabs(shown - 1) < 1e-3, "case %d: pixel %d %d shows %.4f", i, k % SIDE, k / SIDE, shown);
+        }
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* >>furnaces */
 
 enum { ANGLES = 48 };
@@ -1982,6 +2050,7 @@ TEST(views_and_lobes) {
 int main(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN_UNSANITIZED(silhouettes_of_mirrors_are_white);
     RUN_UNSANITIZED(furnace_of_metal);
     RUN_UNSANITIZED(furnace_of_plastic);
     RUN_UNSANITIZED(albedo_of_lobes);
