@@ -79,8 +79,8 @@ struct sbl_Mirrored {
 };
 
 // Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds
-// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that is
-// seen edge-on, or the back of one, where the inside of a closed mesh is dark.
+// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that
+// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.
 bool sbl_misses(int triangle, vec3 origin, vec3 direction) {
     vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);
     return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);
@@ -174,9 +174,9 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
     return sbl_leaving(s, false, direction, share);
 }
 
-// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by the
-// surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the surface that
-// it hits.
+// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by
+// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the surface
+// that it hits.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;

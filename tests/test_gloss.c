@@ -173,7 +173,8 @@ static void scene_bevelled(test_scene *s, int material, float half, float bevel,
 TEST(silhouettes_of_mirrors_are_white) {
     enum { SIDE = 48 };
     static const struct { float bevel, away, turn; } cases[] = {
-        { 0.0005f, 40, 0.01f * 5 }, { 0.002f, 150, 0.01f * 42 }, { 0.002f, 150, 0.01f * 54 }, { 0.0005f, 150, 0.01f * 156 }
+        { 0.0005f, 40, 0.01f * 5 }, { 0.002f, 150, 0.01f * 42 }, { 0.002f, 150, 0.01f * 54 },
+        { 0.0005f, 150, 0.01f * 156 }
     };
     int i, k;
     for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
