@@ -10123,8 +10123,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by\n",
-"// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the surface\n",
-"// that it hits.\n",
+"// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the\n",
+"// surface that it hits.\n",
 "sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {\n",
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
 "    sbl_Leaving next, aside;\n",
@@ -18249,13 +18249,14 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
 /* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. With
-   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing. */
+   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing that saw a
+   sensor: the sensors of the first level may all miss a small surface. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
         r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
-    for (k = 0; k < 3 && r->lobes && r->weighed; k++)
+    for (k = 0; k < 3 && r->lobes && r->weighed && r->pixels_summed > 0; k++)
         r->mean[k] = r->mean_scale * (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)

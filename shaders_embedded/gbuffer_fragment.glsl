@@ -175,8 +175,8 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
 }
 
 // Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by
-// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the surface
-// that it hits.
+// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the
+// surface that it hits.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;

@@ -1903,6 +1903,33 @@ static void foretell(foretold *f, shot *p, shot *exact) {
     }
 }
 
+/* Predicted errors are shares of the mean, also if no sensor of the first level sees the only surface, which is black
+   plastic, and if a window shows only the sky. */
+TEST(errors_of_small_things_are_shares) {
+    static const sbl_backend backends[2] = { SBL_BACKEND_RASTER, SBL_BACKEND_TRACE };
+    int kind;
+    for (kind = 0; kind < 4; kind++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_view(32, 32, 45, 0, 1.5f, 3, 0, 0.5f, 0);
+        sbl_stats stats;
+        shot p;
+        scene_floor(&s, scene_gloss(&s, 0, 0, 0, 0, 0.3), 0, 1);
+        scene_sky(&s, 1, 1, 1);
+        view.options.mode = SBL_MODE_DIRECT;
+        view.options.rays = 48;
+        view.options.backend = backends[kind & 1];
+        if (kind >= 2) view.window[2] = view.window[3] = 6;
+        if (!shoot(&p, &s, &view)) return;
+        stats = sbl_query_stats(context);
+        CHECK(stats.picture.specular_error < 0.1f && stats.picture.expected_error < 0.1f &&
+              stats.picture.radiance_error < 0.1f, "kind %d: errors %g, of lobes %g", kind,
+              (double)stats.picture.expected_error, (double)stats.picture.specular_error);
+        CHECK(kind >= 2 || stats.picture.specular_error > 0, "kind %d: no lobe is seen", kind);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* The predicted error of FINAL, for pixels and for the picture, is close to the true error. The exact picture has many
    rays at each pixel. */
 TEST(errors_of_final_are_foretold) {
@@ -2089,6 +2116,7 @@ int main(void) {
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
     RUN_UNSANITIZED(lamps_show_in_lobes_beside_them);
+    RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(parts_of_the_error_add_up);
     RUN_UNSANITIZED(errors_are_foretold);
