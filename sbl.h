@@ -6341,8 +6341,14 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops copies of triangles without holes: a copy has a higher index, and equal corners in the same order. Rays would
-   test the copies, but never hit them. Reduces t->count. */
+/* Returns 1 if rays may pass through a triangle. */
+static int sbl__bvh_is_passed(const sbl__geometry *g, uint32_t triangle) {
+    const sbl__object *o = sbl__triangle_object(g, triangle);
+    return o->alpha_cutoff != 0.0f || sbl__lets_pass(o);
+}
+
+/* Drops copies of triangles through which no ray passes: a copy has a higher index, and equal corners in the same
+   order. Rays would test the copies, but never hit them. Reduces t->count. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -6356,9 +6362,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        if (i && !memcmp(corners[i], corners[last], 36) &&
-            sbl__triangle_object(g, corners[last][9])->alpha_cutoff == 0.0f)
-            continue;
+        if (i && !memcmp(corners[i], corners[last], 36) && !sbl__bvh_is_passed(g, corners[last][9])) continue;
         last = i;
         order[t->first + kept++] = corners[i][9];
     }

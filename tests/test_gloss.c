@@ -1124,6 +1124,41 @@ TEST(floors_behind_panes) {
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
 }
 
+/* Each of several panes at the same place tints the light that passes, also if they are many. */
+TEST(panes_at_one_place_all_tint) {
+    static const int counts[3] = { 1, 3, 24 };
+    double without = 0;
+    int i, k;
+    for (i = 0; i < 4; i++) {
+        test_scene s = { 0 };
+        const int pane = scene_pane(&s, 0.95, 0.95, 0.95, 1), count = i ? counts[i - 1] : 0;
+        sbl_readings_desc desc;
+        sbl_site site;
+        sbl_reading reading;
+        sbl_scene_desc scene;
+        s.materials[pane].ior = 0;
+        for (k = 0; k < count; k++) scene_floor(&s, pane, 1, 2);
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
+        scene_company(&s);
+        scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3)->position[1] = 2;
+        scene = scene_desc(&s);
+        memset(&desc, 0, sizeof desc);
+        memset(&site, 0, sizeof site);
+        site.position[0] = 0.3f;
+        site.normal[1] = 1;
+        desc.sites = &site;
+        desc.readings = &reading;
+        desc.site_count = 1;
+        desc.options.mode = SBL_MODE_DIRECT;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading");
+        if (i == 0) without = (double)reading.radiance[0];
+        CHECK(fabs((double)reading.radiance[0] / without / pow(0.95, count) - 1) < 0.002, "%d panes pass %.4f of %.4f",
+              count, (double)reading.radiance[0] / without, pow(0.95, count));
+        scene_free(&s);
+    }
+}
+
 /* A blended surface shows the surfaces behind it, and its own share of emission and of reflected light. Where most
    light passes, the reflected light is stored light. */
 TEST(blended_surfaces_show_themselves) {
@@ -2098,6 +2133,7 @@ int main(void) {
     RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
     RUN_UNSANITIZED(floors_behind_panes);
+    RUN_UNSANITIZED(panes_at_one_place_all_tint);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
