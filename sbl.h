@@ -4473,7 +4473,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
    Reads meshes from the host's streams, validates them, and converts them into four arrays of sbl__geometry, which are
    also on the GPU as tables:
 
-       vertices    per vertex: position in world space, index of its mesh; the table is named sbl_positions
+       vertices    per vertex: position relative to `centre`, index of its mesh; the table is named sbl_positions
        attributes  per vertex: normal in world space, texture coordinates, colour
        indices     per triangle: three vertex indices; the triangles of mesh m begin at meshes[m].first_triangle
        objects     per mesh: its id and its material */
@@ -4527,11 +4527,15 @@ typedef struct sbl__geometry {
     sbl__object *objects;
     int vertex_count, triangle_count;
     int colored;                   /* 1 if a mesh has vertex colours */
-    float bounds[2][3];            /* lowest and highest world coordinates of all triangles and of draw_bounds */
+    float centre[3];               /* world position of the scene's origin, see sbl__geometry_settle. All other
+                                      positions of the implementation are relative to it, unless a comment says that
+                                      they are the host's */
+    float bounds[2][3];            /* lowest and highest coordinates of all triangles and of draw_bounds */
     double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
     float extent;                  /* across + away, in world units; 1 if this is 0. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
                                       and distances in the view texture are multiples of it */
+    float hosts_extent;            /* extent for positions that the host gives, which are relative to 0 0 0 */
     sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour, indices */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
@@ -4710,7 +4714,7 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
 
 /* Replaces the transform of a mesh by m (object space to world space). Returns 1 on success. If the absolute value of a
    coordinate is not below SBL__COORDINATE_MOST, logs an error and returns 0; mesh->transform is then unchanged, but
-   some vertices are already transformed. */
+   some vertices are already transformed. g->centre is subtracted in double precision. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
     sbl__mesh *mesh = &g->meshes[number];
     const double d = sbl__affine_determinant(m);
@@ -4724,15 +4728,17 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
         float *world = g->vertices[v].position;
         double normal[3];
         for (i = 0; i < 3; i++) {
-            world[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] + m[12 + i]);
+            world[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] +
+                               ((double)m[12 + i] - g->centre[i]));
             normal[i] = n[i] * q[0] + n[3 + i] * q[1] + n[6 + i] * q[2];
             if (d < 0) normal[i] = -normal[i];
         }
         for (i = 0; i < 3; i++)
-            if (!(fabs((double)world[i]) < SBL__COORDINATE_MOST)) {
+            if (!(fabs((double)world[i] + g->centre[i]) < SBL__COORDINATE_MOST)) {
                 sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d is at %g %g %g in world "
                          "space; coordinates must be between -1e18 and 1e18", number, v - mesh->first_vertex,
-                         (double)world[0], (double)world[1], (double)world[2]);
+                         (double)world[0] + g->centre[0], (double)world[1] + g->centre[1],
+                         (double)world[2] + g->centre[2]);
                 return 0;
             }
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders replace it by the face normal */
@@ -4807,6 +4813,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
 
 /* Computes the scene's bounds and sizes. drawn: bounds of the geometry that the host draws itself; NULL: none */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
+    double hosts_away = 0;
     int i, k;
     g->across = g->away = 0;
     for (k = 0; k < 3; k++) {
@@ -4825,10 +4832,39 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
         const double low = g->bounds[0][k], high = g->bounds[1][k];
         g->across += (high - low) * (high - low);
         g->away = SBL__MAX(g->away, SBL__MAX(fabs(low), fabs(high)));
+        hosts_away = SBL__MAX(hosts_away, SBL__MAX(fabs(low + g->centre[k]), fabs(high + g->centre[k])));
     }
     g->across = sqrt(g->across);
     g->extent = (float)(g->across + g->away);
+    g->hosts_extent = (float)(g->across + hosts_away);
     if (!(g->extent > 0)) g->extent = 1;
+    if (!(g->hosts_extent > 0)) g->hosts_extent = 1;
+}
+
+/* Positions of a scene farther from 0 0 0 than this * its diagonal are stored relative to its middle. */
+#define SBL__CENTRE_AWAY 16.0
+
+/* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
+   floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
+   and surface.glsl), which are then proportional to the size of the scene instead of its distance. The vertices are
+   transformed again, because their rounded positions have lost digits. The geometry must be measured. */
+static void sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
+    int i, k;
+    if (g->away <= SBL__CENTRE_AWAY * g->across) return;
+    for (k = 0; k < 3; k++) g->centre[k] = (float)(0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
+    for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
+    sbl__geometry_measure(g, NULL);
+}
+
+/* Converts a position of the host to one relative to g->centre, or back. */
+static void sbl__from_host(const float centre[3], const float hosts[3], float out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)hosts[k] - centre[k]);
+}
+
+static void sbl__to_host(const float centre[3], const float position[3], float out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)position[k] + centre[k]);
 }
 
 /* Calls sbl__table_attach for all tables. */
@@ -6380,8 +6416,14 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops copies of triangles without holes: a copy has a higher index, and equal corners in the same order. Rays would
-   test the copies, but never hit them. Reduces t->count. */
+/* Returns 1 if rays may pass through a triangle. */
+static int sbl__bvh_is_passed(const sbl__geometry *g, uint32_t triangle) {
+    const sbl__object *o = sbl__triangle_object(g, triangle);
+    return o->alpha_cutoff != 0.0f || sbl__lets_pass(o);
+}
+
+/* Drops copies of triangles through which no ray passes: a copy has a higher index, and equal corners in the same
+   order. Rays would test the copies, but never hit them. Reduces t->count. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -6395,9 +6437,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        if (i && !memcmp(corners[i], corners[last], 36) &&
-            sbl__triangle_object(g, corners[last][9])->alpha_cutoff == 0.0f)
-            continue;
+        if (i && !memcmp(corners[i], corners[last], 36) && !sbl__bvh_is_passed(g, corners[last][9])) continue;
         last = i;
         order[t->first + kept++] = corners[i][9];
     }
@@ -6987,7 +7027,15 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* Copies the host's checked lights, and sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
+/* Makes the positions of the host's lights relative to the scene's centre. */
+static void sbl__lights_settle(sbl__lights *l, const float centre[3]) {
+    int i;
+    for (i = 0; i < l->count; i++)
+        if (l->list[i].kind != SBL_LIGHT_DIRECTIONAL)
+            sbl__from_host(centre, l->list[i].position, l->list[i].position);
+}
+
+/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -8171,7 +8219,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
 /* Logs warnings about valid scenes that probably contain a mistake. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
-    double shining = s->brightest;
+    double shining = s->brightest, away;
     int i;
     if (!g->triangle_count) return;
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
@@ -8181,9 +8229,10 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     if (g->across < SBL__ACROSS_LEAST || g->across > SBL__ACROSS_MOST)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
                  "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
-    if (g->away > SBL__AWAY_MOST * g->across)
+    away = g->hosts_extent - g->across;
+    if (away > SBL__AWAY_MOST * g->across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", g->across, g->away);
+                 "origin, where floats are too coarse; move it to the origin", g->across, away);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8216,8 +8265,10 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         }
         sbl__scene_dress(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
+        if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
                                   s->geometry.extent);
+        if (result == SBL_SUCCESS) sbl__lights_settle(&s->lights, s->geometry.centre);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     d->gl.doing = "storing meshes";
@@ -8272,6 +8323,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     if (materials) sbl__scene_dress(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
+    if (result == SBL_SUCCESS && lights) sbl__lights_settle(&others, s->geometry.centre);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
@@ -9876,7 +9928,8 @@ enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 typedef struct sbl__camera {
-    double eye[3];             /* origin of view space, in world space */
+    double eye[3];             /* origin of view space, relative to `centre` */
+    float centre[3];           /* see sbl__geometry */
     double right[3], up[3], back[3];  /* axes of view space in world space: unit vectors */
     float world_to_view[16], view_to_clip[16];
     int orthographic;
@@ -9958,7 +10011,9 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     memcpy(c->world_to_view, m, sizeof c->world_to_view);
     memcpy(c->view_to_clip, desc->view_to_clip, sizeof c->view_to_clip);
     for (k = 0; k < 3; k++) { c->right[k] = m[4 * k]; c->up[k] = m[4 * k + 1]; c->back[k] = m[4 * k + 2]; }
-    for (k = 0; k < 3; k++) c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]);
+    memcpy(c->centre, g->centre, sizeof c->centre);
+    for (k = 0; k < 3; k++)
+        c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]) - (double)c->centre[k];
     c->orthographic = desc->view_to_clip[11] == 0.0f;
     c->depth_scale = (float)SBL__DEPTH_SHARE * g->extent;
     c->facet_limit = SBL__MAX(desc->facet_limit, 0.0f);
@@ -9985,7 +10040,7 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     for (k = 0; k < 3; k++) {
         double half = 0.5 * ((double)g->bounds[1][k] - g->bounds[0][k]);
         radius += half * half;
-        at[k] = (float)(0.5 * ((double)g->bounds[1][k] + g->bounds[0][k]));
+        at[k] = (float)(0.5 * ((double)g->bounds[1][k] + g->bounds[0][k]) + (double)g->centre[k]);
     }
     radius = radius > 0 ? sqrt(radius) : 1;
     distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + zoom * zoom) : 2 * radius;
@@ -10221,7 +10276,30 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "#endif\n",
 "\n",
+"#ifndef SBL_LIGHTMAP\n",
+"// Applies facet_limit to the surface that a camera ray meets. bumpy: true: the surface has a normal map\n",
+"void sbl_apply_facet_limit(inout sbl_Surface s, vec3 origin, vec3 direction, bool bumpy) {\n",
+"    // width of a pixel at the surface, in world units\n",
+"    float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
+"    // true: small triangles keep the shading normal, which reflections and normal maps need\n",
+"    bool smooth_normal = bumpy;\n",
+"#ifdef SBL_SPECULAR\n",
+"    smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
+"#endif\n",
+"    if (facet_limit > 0.0 && !smooth_normal)\n",
+"        s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
+"                                 clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
+"}\n",
+"\n",
+"#ifdef SBL_NORMAL_MAPS\n",
+"bool sbl_is_bumpy(int object) { return sbl_object_normal_texture(object).w != 0u; }\n",
+"#else\n",
+"bool sbl_is_bumpy(int object) { return false; }\n",
+"#endif\n",
+"#endif\n",
+"\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction\n",
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
@@ -10236,9 +10314,31 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    vec3 direction;   // direction of the last ray\n",
 "    vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way\n",
 "    vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky\n",
-"    int number;       // index in the scene of the triangle that the last ray hits\n",
+"    int number;       // index in the scene of the triangle that the last ray hits; -1: the camera ray hits nothing\n",
 "    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane\n",
 "};\n",
+"\n",
+"// Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds\n",
+"// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that\n",
+"// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.\n",
+"bool sbl_misses(int triangle, vec3 origin, vec3 direction) {\n",
+"    vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);\n",
+"    return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);\n",
+"}\n",
+"\n",
+"// Replaces the surface s, whose triangle is m.number, by what the camera ray hits; see sbl_misses.\n",
+"void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 origin, vec3 direction) {\n",
+"    bool hits = hit.triangle >= 0;\n",
+"    if (!hits) m.number = -1;\n",
+"    for (int once = 0; once < (hits ? 1 : 0); once++) {\n",
+"        sbl_Surface found = sbl_surface_at(sbl_facet(hit.number), hit.b1, hit.b2, direction);\n",
+"        // A surface that the camera does not see hides nothing: s then stays as it is.\n",
+"        if ((sbl_object_flags(found.object) & SBL_HIDDEN_FROM_CAMERA) != 0u) break;\n",
+"        sbl_apply_facet_limit(found, origin, direction, sbl_is_bumpy(found.object));\n",
+"        m.number = hit.number;\n",
+"        s = found;\n",
+"    }\n",
+"}\n",
 "\n",
 "// Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the\n",
 "// scene; only_diffuse: true: without its specular lobe\n",
@@ -10314,17 +10414,19 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_leaving(s, false, direction, share);\n",
 "}\n",
 "\n",
-"// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray hits.\n",
-"sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {\n",
+"// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by\n",
+"// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the\n",
+"// surface that it hits.\n",
+"sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {\n",
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
 "    sbl_Leaving next, aside;\n",
-"    bool goes_on = true;\n",
+"    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);\n",
 "    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit\n",
 "    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
 "    // sbl_trace for each call, so both rays share one call.\n",
 "    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {\n",
-"        bool is_aside = (iteration & 1) == 0;\n",
+"        bool is_aside = (iteration & 1) == 0 && !is_camera;\n",
 "        if (is_aside && mirrors == 0) {\n",
 "            bool pane;\n",
 "            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
@@ -10335,8 +10437,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        }\n",
 "        sbl_Leaving ray = next;\n",
 "        if (is_aside) ray = aside;\n",
+"        if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));\n",
 "        if (ray.weight == vec3(0)) continue;\n",
 "        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
+"        if (is_camera) {\n",
+"            sbl_correct(s, m, hit, origin, direction);\n",
+"            goes_on = m.number >= 0;\n",
+"            is_camera = false;\n",
+"            iteration--;\n",
+"            continue;\n",
+"        }\n",
 "        bool is_sky = hit.triangle < 0;\n",
 "        sbl_Surface found = s;\n",
 "        if (!is_sky) found = sbl_surface(hit.number, ray.origin, ray.direction);\n",
@@ -10393,13 +10503,14 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_LIGHTMAP\n",
 "        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));\n",
 "        s.id = texel.w;\n",
-"        const float pixel = 1.0;\n",
-"        const bool smooth_normal = false;\n",
+"        if (facet_limit > 0.0)\n",
+"            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
+"                                     clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));\n",
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "#ifdef SBL_NORMAL_MAPS\n",
 "        sbl_Facet f = sbl_facet(int(triangle) - 1);\n",
-"        bool bumpy = sbl_object_normal_texture(int(sbl_vertex_object(f.v.x))).w != 0u;\n",
+"        bool bumpy = sbl_is_bumpy(int(sbl_vertex_object(f.v.x)));\n",
 "        for (int once = 0; once < (bumpy ? 1 : 0); once++) {\n",
 "            vec2 uv = sbl_uv_on_plane(f, origin, direction);\n",
 "            pixel_x = sbl_uv_on_plane(f, origin + origin_x, direction + direction_x) - uv;\n",
@@ -10412,20 +10523,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_NORMAL_MAPS\n",
 "        pixel_x = pixel_y = vec2(0);  // unknown for surfaces that sbl_follow finds in mirrors\n",
 "#endif\n",
-"        // width of a pixel at the surface, in world units\n",
-"        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
-"        // true: small triangles keep the shading normal, which reflections and normal maps need\n",
-"        bool smooth_normal = bumpy;\n",
-"#ifdef SBL_SPECULAR\n",
-"        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
+"        sbl_apply_facet_limit(s, origin, direction, bumpy);\n",
 "#endif\n",
-"#endif\n",
-"        if (facet_limit > 0.0 && !smooth_normal)\n",
-"            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
-"                                     clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
-"        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);\n",
-"        triangle = uint(seen.number) + 1u;\n",
+"        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, origin, direction);\n",
+"        triangle = uint(seen.number + 1);\n",
+"        if (triangle == 0u) return;\n",
 "#endif\n",
 "        out_position = vec4(s.position, s.reach);\n",
 "        out_normal = vec4(s.normal, 0);\n",
@@ -10549,6 +10652,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     if (request->has_lobes) {
         sbl__hierarchy_bind(d, &request->scene->hierarchy);
         sbl__environment_bind(d, &request->scene->environment);
+        sbl__set_float(d, "ray_start", request->camera && request->camera->orthographic
+                       ? (float)request->camera->nearest : 0);
     }
     if (features & SBL__MIRRORS_BLUR) {
         double point[2];
@@ -16854,6 +16959,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *meshes = sbl__hash_bytes(seed, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
     *meshes = sbl__hash_bytes(*meshes, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
     *meshes = sbl__hash_bytes(*meshes, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
+    if (!sbl__all_zero(g->centre, 3)) *meshes = sbl__hash_bytes(*meshes, g->centre, sizeof g->centre);
     if (s->draw) *meshes = sbl__hash_bytes(*meshes, s->draw_bounds, sizeof s->draw_bounds);
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
@@ -18599,13 +18705,14 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
 /* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. With
-   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing. */
+   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing that saw a
+   sensor: the sensors of the first level may all miss a small surface. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
         r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
-    for (k = 0; k < 3 && r->lobes && r->weighed; k++)
+    for (k = 0; k < 3 && r->lobes && r->weighed && r->pixels_summed > 0; k++)
         r->mean[k] = r->mean_scale * (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
@@ -20741,7 +20848,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
-    else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
+    else if (channel == SBL_CHANNEL_POSITION) sbl__to_host(m->camera.centre, pixel->position, out);
     else if (channel == SBL_CHANNEL_STORE) memcpy(out, sbl__pixel_stored(&m->refine, pixel), 3 * sizeof *out);
     else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
                 : channel == SBL_CHANNEL_DEPTH ? (float)depth
@@ -20822,7 +20929,9 @@ static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
 static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
     const sbl__target *target = m->channels[channel];
     const int gbuffer = sbl__channels[channel].gbuffer;
-    if (!sbl__map_has_hosts_size(m, target ? target : &m->gbuffer.target)) return sbl__map_send_channel(m, channel);
+    const int differs = channel == SBL_CHANNEL_POSITION && !sbl__all_zero(m->camera.centre, 3);
+    if (differs || !sbl__map_has_hosts_size(m, target ? target : &m->gbuffer.target))
+        return sbl__map_send_channel(m, channel);
     if (gbuffer >= 0) return m->gbuffer.textures[gbuffer].id;
     return target ? target->textures[sbl__channels[channel].attachment] : sbl__map_send_channel(m, channel);
 }
@@ -21995,7 +22104,11 @@ static int sbl__gathering_next_job(void *work) {
 static sbl_result sbl__gathering_site(void *work, int at) {
     sbl__gathering *g = (sbl__gathering *)work;
     const int number = g->first + at;
-    sbl__site_make(&g->work, &g->desc.sites[number], (uint32_t)number, &g->work.sites[at]);
+    const sbl__geometry *geometry = &g->work.core->scene.geometry;
+    sbl__site *site = &g->work.sites[at];
+    sbl__site_make(&g->work, &g->desc.sites[number], (uint32_t)number, site);
+    sbl__from_host(geometry->centre, site->position, site->position);
+    if (g->desc.sites[number].offset == 0) site->offset *= geometry->hosts_extent / geometry->extent;
     return SBL_SUCCESS;
 }
 
@@ -22750,7 +22863,7 @@ typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_ligh
 /* A probe of the batch, and sums over the readings of its sites in the current round */
 typedef struct sbl__probe_sum {
     int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
-    float position[3];             /* position in this round, in world space */
+    float position[3];             /* position in this round, as the host sees it */
     sbl__probe_light light[SBL__LAYERS_MOST];  /* by layer of light: of all light, then of each light group */
     double hits, back;             /* number of rays that hit a surface; number of those that hit a back face */
     double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
@@ -22883,11 +22996,11 @@ static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__m
 
 static sbl_result sbl__probes_begin(void *work, const void *desc) {
     sbl__probes *g = (sbl__probes *)work;
-    const float (*const bounds)[3] = (const float (*)[3])g->work.core->scene.geometry.bounds;
+    const sbl__geometry *geometry = &g->work.core->scene.geometry;
     g->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
     if (sbl__all_zero(g->desc.lowest, 3) && sbl__all_zero(g->desc.highest, 3)) {
-        memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
-        memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
+        sbl__to_host(geometry->centre, geometry->bounds[0], g->desc.lowest);
+        sbl__to_host(geometry->centre, geometry->bounds[1], g->desc.highest);
     }
     g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
     g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
@@ -22971,7 +23084,7 @@ static sbl_result sbl__probes_site(void *work, int at) {
     memset(site, 0, sizeof *site);
     sbl__probe_direction(g, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-    memcpy(site->position, sum->position, sizeof site->position);
+    sbl__from_host(g->work.core->scene.geometry.centre, sum->position, site->position);
     site->number = sbl__probe_number(g, sum->number) * (uint32_t)each + (uint32_t)i;
     site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
@@ -23425,11 +23538,13 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     sbl_sensor *out = &k->out;
     int i;
     out->backend = k->map->work.measurement.options.backend;
-    memcpy(out->site.position, k->site.position, sizeof out->site.position);
+    sbl__to_host(k->map->camera.centre, k->site.position, out->site.position);
     memcpy(out->site.normal, k->site.normal, sizeof out->site.normal);
     memcpy(out->site.geometric_normal, k->site.geometric_normal, sizeof out->site.geometric_normal);
     out->site.offset = k->site.offset;
-    memcpy(out->position, k->look.position, sizeof out->position);
+    if (!sbl__all_zero(k->map->camera.centre, 3))  /* the host's position is rounded more coarsely */
+        out->site.offset = SBL__MAX(k->site.offset, SBL__OFFSET * k->core->scene.geometry.hosts_extent);
+    sbl__to_host(k->map->camera.centre, k->look.position, out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
     memcpy(out->radiance, s->sensed ? s->radiance : r->radiance, sizeof out->radiance);
     out->noise = s->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
@@ -24388,8 +24503,8 @@ SBL_API sbl_bounds sbl_query_bounds(const sbl_context *c) {
     sbl_bounds bounds;
     memset(&bounds, 0, sizeof bounds);
     if (!c || !c->core.has_scene) return bounds;
-    memcpy(bounds.lowest, c->core.scene.geometry.bounds[0], sizeof bounds.lowest);
-    memcpy(bounds.highest, c->core.scene.geometry.bounds[1], sizeof bounds.highest);
+    sbl__to_host(c->core.scene.geometry.centre, c->core.scene.geometry.bounds[0], bounds.lowest);
+    sbl__to_host(c->core.scene.geometry.centre, c->core.scene.geometry.bounds[1], bounds.highest);
     return bounds;
 }
 

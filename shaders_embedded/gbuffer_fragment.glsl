@@ -36,7 +36,30 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 }
 #endif
 
+#ifndef SBL_LIGHTMAP
+// Applies facet_limit to the surface that a camera ray meets. bumpy: true: the surface has a normal map
+void sbl_apply_facet_limit(inout sbl_Surface s, vec3 origin, vec3 direction, bool bumpy) {
+    // width of a pixel at the surface, in world units
+    float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
+    // true: small triangles keep the shading normal, which reflections and normal maps need
+    bool smooth_normal = bumpy;
+#ifdef SBL_SPECULAR
+    smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
+#endif
+    if (facet_limit > 0.0 && !smooth_normal)
+        s.normal = normalize(mix(s.geometric_normal, s.normal,
+                                 clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
+}
+
+#ifdef SBL_NORMAL_MAPS
+bool sbl_is_bumpy(int object) { return sbl_object_normal_texture(object).w != 0u; }
+#else
+bool sbl_is_bumpy(int object) { return false; }
+#endif
+#endif
+
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction
 uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
@@ -51,9 +74,31 @@ struct sbl_Mirrored {
     vec3 direction;   // direction of the last ray
     vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way
     vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky
-    int number;       // index in the scene of the triangle that the last ray hits
+    int number;       // index in the scene of the triangle that the last ray hits; -1: the camera ray hits nothing
     bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane
 };
+
+// Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds
+// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that
+// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.
+bool sbl_misses(int triangle, vec3 origin, vec3 direction) {
+    vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);
+    return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);
+}
+
+// Replaces the surface s, whose triangle is m.number, by what the camera ray hits; see sbl_misses.
+void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 origin, vec3 direction) {
+    bool hits = hit.triangle >= 0;
+    if (!hits) m.number = -1;
+    for (int once = 0; once < (hits ? 1 : 0); once++) {
+        sbl_Surface found = sbl_surface_at(sbl_facet(hit.number), hit.b1, hit.b2, direction);
+        // A surface that the camera does not see hides nothing: s then stays as it is.
+        if ((sbl_object_flags(found.object) & SBL_HIDDEN_FROM_CAMERA) != 0u) break;
+        sbl_apply_facet_limit(found, origin, direction, sbl_is_bumpy(found.object));
+        m.number = hit.number;
+        s = found;
+    }
+}
 
 // Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the
 // scene; only_diffuse: true: without its specular lobe
@@ -129,17 +174,19 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
     return sbl_leaving(s, false, direction, share);
 }
 
-// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray hits.
-sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
+// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by
+// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the
+// surface that it hits.
+sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;
-    bool goes_on = true;
+    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);
     int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit
     int panes = 0;    // number of panes that the ray `next` has passed
     // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
     // sbl_trace for each call, so both rays share one call.
     for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {
-        bool is_aside = (iteration & 1) == 0;
+        bool is_aside = (iteration & 1) == 0 && !is_camera;
         if (is_aside && mirrors == 0) {
             bool pane;
             vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
@@ -150,8 +197,16 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
         }
         sbl_Leaving ray = next;
         if (is_aside) ray = aside;
+        if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));
         if (ray.weight == vec3(0)) continue;
         sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
+        if (is_camera) {
+            sbl_correct(s, m, hit, origin, direction);
+            goes_on = m.number >= 0;
+            is_camera = false;
+            iteration--;
+            continue;
+        }
         bool is_sky = hit.triangle < 0;
         sbl_Surface found = s;
         if (!is_sky) found = sbl_surface(hit.number, ray.origin, ray.direction);
@@ -208,13 +263,14 @@ void main() {
 #ifdef SBL_LIGHTMAP
         sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));
         s.id = texel.w;
-        const float pixel = 1.0;
-        const bool smooth_normal = false;
+        if (facet_limit > 0.0)
+            s.normal = normalize(mix(s.geometric_normal, s.normal,
+                                     clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));
 #else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
 #ifdef SBL_NORMAL_MAPS
         sbl_Facet f = sbl_facet(int(triangle) - 1);
-        bool bumpy = sbl_object_normal_texture(int(sbl_vertex_object(f.v.x))).w != 0u;
+        bool bumpy = sbl_is_bumpy(int(sbl_vertex_object(f.v.x)));
         for (int once = 0; once < (bumpy ? 1 : 0); once++) {
             vec2 uv = sbl_uv_on_plane(f, origin, direction);
             pixel_x = sbl_uv_on_plane(f, origin + origin_x, direction + direction_x) - uv;
@@ -227,20 +283,12 @@ void main() {
 #ifdef SBL_NORMAL_MAPS
         pixel_x = pixel_y = vec2(0);  // unknown for surfaces that sbl_follow finds in mirrors
 #endif
-        // width of a pixel at the surface, in world units
-        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
-        // true: small triangles keep the shading normal, which reflections and normal maps need
-        bool smooth_normal = bumpy;
-#ifdef SBL_SPECULAR
-        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
+        sbl_apply_facet_limit(s, origin, direction, bumpy);
 #endif
-#endif
-        if (facet_limit > 0.0 && !smooth_normal)
-            s.normal = normalize(mix(s.geometric_normal, s.normal,
-                                     clamp(s.least_height / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
-        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);
-        triangle = uint(seen.number) + 1u;
+        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, origin, direction);
+        triangle = uint(seen.number + 1);
+        if (triangle == 0u) return;
 #endif
         out_position = vec4(s.position, s.reach);
         out_normal = vec4(s.normal, 0);

@@ -126,6 +126,75 @@ static sbl_picture_desc view_of_ball(int side, int rays) {
     return view;
 }
 
+/* >>silhouettes */
+
+/* Adds a box from -half to half with bevelled edges, turned about the y axis. Each corner has three vertices, one per
+   face. Flat faces have flat normals. */
+static void scene_bevelled(test_scene *s, int material, float half, float bevel, float turn) {
+    float positions[72], normals[72] = { 0 };
+    uint32_t corners[3 * 44];
+    int count = 0, c, a, k;
+    for (c = 0; c < 8; c++)
+        for (a = 0; a < 3; a++) {
+            float *p = positions + 9 * c + 3 * a, *n = normals + 9 * c + 3 * a, x;
+            for (k = 0; k < 3; k++) p[k] = (c >> k & 1 ? 1.0f : -1.0f) * (half - (k == a ? 0 : bevel));
+            n[a] = c >> a & 1 ? 1.0f : -1.0f;
+            for (k = 0; k < 2; k++, p = n) {
+                x = cosf(turn) * p[0] + sinf(turn) * p[2];
+                p[2] = cosf(turn) * p[2] - sinf(turn) * p[0];
+                p[0] = x;
+            }
+        }
+    for (a = 0; a < 3; a++)
+        for (k = 0; k < 4; k++) {  /* a quad along an edge and, for two of four, a face */
+            const int u = 1 << (a + 1) % 3, w = 1 << (a + 2) % 3;
+            const int from = (k & 1 ? u : 0) | (k & 2 ? w : 0), face = k & 1 ? 1 << a : 0;
+            const int edge[4] = { 3 * from + (a + 1) % 3, 3 * from + (a + 2) % 3,
+                                  3 * (from | 1 << a) + (a + 2) % 3, 3 * (from | 1 << a) + (a + 1) % 3 };
+            const int flat[4] = { 3 * face + a, 3 * (face | u) + a, 3 * (face | u | w) + a, 3 * (face | w) + a };
+            int i;
+            for (i = 0; i < 6; i++) corners[count++] = (uint32_t)edge[i < 3 ? i : i == 3 ? 0 : i - 2];
+            for (i = 0; i < 6 && k < 2; i++) corners[count++] = (uint32_t)flat[i < 3 ? i : i == 3 ? 0 : i - 2];
+        }
+    for (c = 0; c < 24; c++) corners[count++] = (uint32_t)c;
+    for (c = 0; c < count; c += 3) {  /* all triangles face outwards */
+        const float *p = positions + 3 * corners[c], *q = positions + 3 * corners[c + 1],
+            *r = positions + 3 * corners[c + 2];
+        const float out = p[0] * (q[1] * r[2] - q[2] * r[1]) + p[1] * (q[2] * r[0] - q[0] * r[2]) +
+                          p[2] * (q[0] * r[1] - q[1] * r[0]);
+        const uint32_t second = corners[c + 1];
+        if (out < 0) corners[c + 1] = corners[c + 2], corners[c + 2] = second;
+    }
+    scene_mesh(s, material, positions, normals, NULL, 24, corners, count);
+}
+
+/* Every pixel of a white mirror with fine bevels in a white furnace has the value 1. The rasteriser finds a triangle
+   beside the centre of some pixels at the silhouette, whose back or whose other end the ray must not show. */
+TEST(silhouettes_of_mirrors_are_white) {
+    enum { SIDE = 48 };
+    static const struct { float bevel, away, turn; } cases[] = {
+        { 0.0005f, 40, 0.01f * 5 }, { 0.002f, 150, 0.01f * 42 }, { 0.002f, 150, 0.01f * 54 },
+        { 0.0005f, 150, 0.01f * 156 }
+    };
+    int i, k;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        const float away = cases[i].away;
+        const sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 160 / away, 0.6f * away, 0.2f * away,
+                                                             0.77f * away, 0, 0, 0), SBL_MODE_DIRECT, 0);
+        test_scene s = { 0 };
+        shot p;
+        scene_sky(&s, 1, 1, 1);
+        scene_bevelled(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0.7f, cases[i].bevel, cases[i].turn);
+        if (!shoot(&p, &s, &view)) return;
+        for (k = 0; k < SIDE * SIDE; k++) {
+            const double shown = (double)at(&p, SBL_CHANNEL_FINAL, k % SIDE, k / SIDE)[1];
+            CHECK(fabs(shown - 1) < 1e-3, "case %d: pixel %d %d shows %.4f", i, k % SIDE, k / SIDE, shown);
+        }
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* >>furnaces */
 
 enum { ANGLES = 48 };
@@ -783,6 +852,144 @@ TEST(highlights_of_the_sky) {
     }
 }
 
+/* >>far from the origin */
+
+enum { FAR_SIDE = 8 };
+static const float far_off[3] = { 4096, -2048, 3072 };
+
+/* Makes a scene 2 high, and a view of it. kind: 0: a light above plastic, 1: a lamp above metal, 2: a lamp in a mirror,
+   3: a lamp behind a pane. at: where the middle of its floor is */
+static void scene_far(test_scene *s, sbl_picture_desc *view, int kind, const float at[3]) {
+    const int surface = kind == 3 ? scene_pane(s, 0.9, 0.7, 0.8, 1)
+        : scene_gloss(s, 0.9, 0.5, 0.2, kind > 0, kind == 2 ? 0.02 : 0.2);
+    scene_floor(s, surface, 0, 1);
+    if (kind == 0) {
+        float *position = scene_light(s, SBL_LIGHT_POINT, 3, 2, 1)->position;
+        position[0] = -1.5f;
+        position[1] = 1.5f;
+        position[2] = -0.25f;
+    } else if (kind == 3) scene_floor(s, scene_lamp(s, 3, 2, 1), -1, 4);
+    else scene_quad(s, scene_lamp(s, 3, 2, 1), -1.75f, 1.25f, -0.25f, -1.75f, 1.25f, 0.25f, -1.25f, 1.75f, 0.25f,
+                    -1.25f, 1.75f, -0.25f);
+    scene_scale_and_move(s, 1, at[0], at[1], at[2]);
+    *view = scene_plain(scene_view(FAR_SIDE, FAR_SIDE, 4, at[0] + 1.5f, at[1] + 1.5f, at[2] + 0.25f, at[0], at[1],
+                                   at[2]), SBL_MODE_DIRECT, 0);
+    view->options.rays = kind == 1 ? 1024 : 64;
+}
+
+/* Highlights, mirrors and panes look the same if the scene moves away by 2,700 times its height. The steps of floats
+   are 1 / 2,048 there, in which the camera and the corners are rounded. */
+TEST(distance_keeps_highlights) {
+    static const float here[3] = { 0, 0, 0 };
+    int kind, i, k;
+    for (kind = 0; kind < 4; kind++) {
+        double worst = 0, worst_place = 0, largest = 0;
+        test_scene near_s = { 0 }, far_s = { 0 };
+        sbl_picture_desc near_view, far_view;
+        shot p, q;
+        scene_far(&near_s, &near_view, kind, here);
+        scene_far(&far_s, &far_view, kind, far_off);
+        if (!shoot(&p, &near_s, &near_view)) return;
+        for (i = 0; i < FAR_SIDE * FAR_SIDE; i++) {
+            at(&p, SBL_CHANNEL_FINAL, i % FAR_SIDE, i / FAR_SIDE);
+            at(&p, SBL_CHANNEL_POSITION, i % FAR_SIDE, i / FAR_SIDE);
+        }
+        if (!shoot(&q, &far_s, &far_view)) return;
+        for (i = 0; i < 3 * FAR_SIDE * FAR_SIDE; i++) {
+            const int x = i / 3 % FAR_SIDE, y = i / 3 / FAR_SIDE;
+            const double wanted = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[i % 3];
+            const double place = (double)at(&q, SBL_CHANNEL_POSITION, x, y)[i % 3] - (double)far_off[i % 3];
+            k = i % 3;
+            largest = test_max(largest, wanted);
+            worst = test_max(worst, fabs((double)at(&q, SBL_CHANNEL_FINAL, x, y)[k] - wanted));
+            worst_place = test_max(worst_place, fabs(place - (double)at(&p, SBL_CHANNEL_POSITION, x, y)[k]));
+        }
+        printf("    kind %d: off by %.3f %% of the largest value %.3f; positions by %.5f\n", kind,
+               100 * worst / largest, largest, worst_place);
+        CHECK(worst < 0.01 * largest && worst_place < 0.002, "kind %d: light is off by %.2f %%, positions by %.5f",
+              kind, 100 * worst / largest, worst_place);
+        forget(&p);
+        forget(&q);
+        scene_free(&near_s);
+        scene_free(&far_s);
+    }
+}
+
+/* Everything that has a position moves with the scene: bounds, the camera that is chosen, inspected sensors, readings,
+   probes, and lights that are set later. */
+TEST(distance_moves_positions) {
+    static const float here[3] = { 0, 0, 0 };
+    float light[2][4], scale[2];
+    sbl_site site;
+    int away, k;
+    for (away = 0; away < 2; away++) {
+        const float *to = away ? far_off : here;
+        test_scene s = { 0 };
+        sbl_picture_desc view, whole = sbl_picture_desc_defaults(NULL);
+        sbl_readings_desc readings;
+        sbl_probes_desc probes;
+        sbl_reading reading;
+        sbl_sensor sensor;
+        sbl_probe probe;
+        sbl_bounds bounds;
+        shot p;
+        scene_far(&s, &view, 0, to);
+        if (!shoot(&p, &s, &view)) return;
+        bounds = sbl_query_bounds(context);
+        for (k = 0; k < 3; k++)
+            CHECK(bounds.lowest[k] == to[k] - (k != 1) && bounds.highest[k] == to[k] + (k != 1), "bounds %d: %g %g", k,
+                  (double)bounds.lowest[k], (double)bounds.highest[k]);
+        CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)(sensor.site.position[k] - at(&p, SBL_CHANNEL_POSITION, 4, 4)[k])) < 0.002 &&
+                  fabs((double)(sensor.position[k] - sensor.site.position[k])) < 0.002, "the sensor is elsewhere");
+        memset(&readings, 0, sizeof readings);
+        memset(&site, 0, sizeof site);
+        for (k = 0; k < 3; k++) site.position[k] = to[k] + 0.25f * (float)(k != 1);
+        site.normal[1] = 1;
+        readings.sites = &site;
+        readings.readings = &reading;
+        readings.site_count = 1;
+        readings.options.mode = SBL_MODE_DIRECT;
+        CHECK(sbl_gather_readings(context, &readings) == SBL_SUCCESS && reading.valid, "no reading");
+        light[away][0] = reading.radiance[0];
+        memset(&probes, 0, sizeof probes);
+        memset(&probe, 0, sizeof probe);
+        probes.probes = &probe;
+        probes.grid[0] = probes.grid[1] = probes.grid[2] = probes.probe_count = 1;
+        probes.lowest[0] = to[0] - 0.5f;
+        probes.highest[0] = to[0] + 0.5f;
+        probes.lowest[1] = probes.highest[1] = to[1] + 0.5f;
+        probes.lowest[2] = probes.highest[2] = to[2];
+        probes.options.mode = SBL_MODE_DIRECT;
+        CHECK(sbl_bake_probes(context, &probes) == SBL_SUCCESS, "no probe");
+        for (k = 0; k < 3; k++)
+            CHECK(probe.position[k] == to[k] + 0.5f * (float)(k == 1), "the probe is at %g", (double)probe.position[k]);
+        light[away][1] = probe.sh[0][0];
+        memset(probes.lowest, 0, sizeof probes.lowest);
+        memset(probes.highest, 0, sizeof probes.highest);
+        CHECK(sbl_bake_probes(context, &probes) == SBL_SUCCESS && probe.position[0] == to[0], "the grid is elsewhere");
+        s.lights[0].position[1] -= 1;
+        CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        CHECK(sbl_gather_readings(context, &readings) == SBL_SUCCESS, "no reading");
+        light[away][2] = reading.radiance[0];
+        whole.width = whole.height = FAR_SIDE;
+        whole.options.mode = SBL_MODE_DIRECT;
+        forget(&p);
+        REQUIRE(sbl_render_picture(context, &whole) == SBL_SUCCESS, "no picture");
+        p.view = whole;
+        p.context = context;
+        scale[away] = at(&p, SBL_CHANNEL_DEPTH, 4, 4)[0];
+        light[away][3] = at(&p, SBL_CHANNEL_ALBEDO, 4, 4)[0];
+        forget(&p);
+        scene_free(&s);
+    }
+    for (k = 0; k < 4; k++)
+        CHECK(light[0][k] > 0 && fabs((double)(light[1][k] / light[0][k]) - 1) < 0.005, "value %d: %g, and far away %g",
+              k, (double)light[0][k], (double)light[1][k]);
+    CHECK(fabs((double)(scale[1] / scale[0]) - 1) < 0.005, "the camera is elsewhere");
+}
+
 /* >>panes */
 
 /* Adds a light that is off and a distant pane, so that all scenes of these tests use the same programs. */
@@ -915,6 +1122,41 @@ static void floor_behind(int kind, int lamp, int through) {
 TEST(floors_behind_panes) {
     int i;
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
+}
+
+/* Each of several panes at the same place tints the light that passes, also if they are many. */
+TEST(panes_at_one_place_all_tint) {
+    static const int counts[3] = { 1, 3, 24 };
+    double without = 0;
+    int i, k;
+    for (i = 0; i < 4; i++) {
+        test_scene s = { 0 };
+        const int pane = scene_pane(&s, 0.95, 0.95, 0.95, 1), count = i ? counts[i - 1] : 0;
+        sbl_readings_desc desc;
+        sbl_site site;
+        sbl_reading reading;
+        sbl_scene_desc scene;
+        s.materials[pane].ior = 0;
+        for (k = 0; k < count; k++) scene_floor(&s, pane, 1, 2);
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
+        scene_company(&s);
+        scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3)->position[1] = 2;
+        scene = scene_desc(&s);
+        memset(&desc, 0, sizeof desc);
+        memset(&site, 0, sizeof site);
+        site.position[0] = 0.3f;
+        site.normal[1] = 1;
+        desc.sites = &site;
+        desc.readings = &reading;
+        desc.site_count = 1;
+        desc.options.mode = SBL_MODE_DIRECT;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading");
+        if (i == 0) without = (double)reading.radiance[0];
+        CHECK(fabs((double)reading.radiance[0] / without / pow(0.95, count) - 1) < 0.002, "%d panes pass %.4f of %.4f",
+              count, (double)reading.radiance[0] / without, pow(0.95, count));
+        scene_free(&s);
+    }
 }
 
 /* A blended surface shows the surfaces behind it, and its own share of emission and of reflected light. Where most
@@ -1797,6 +2039,33 @@ static void foretell(foretold *f, shot *p, shot *exact) {
     }
 }
 
+/* Predicted errors are shares of the mean, also if no sensor of the first level sees the only surface, which is black
+   plastic, and if a window shows only the sky. */
+TEST(errors_of_small_things_are_shares) {
+    static const sbl_backend backends[2] = { SBL_BACKEND_RASTER, SBL_BACKEND_TRACE };
+    int kind;
+    for (kind = 0; kind < 4; kind++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_view(32, 32, 45, 0, 1.5f, 3, 0, 0.5f, 0);
+        sbl_stats stats;
+        shot p;
+        scene_floor(&s, scene_gloss(&s, 0, 0, 0, 0, 0.3), 0, 1);
+        scene_sky(&s, 1, 1, 1);
+        view.options.mode = SBL_MODE_DIRECT;
+        view.options.rays = 48;
+        view.options.backend = backends[kind & 1];
+        if (kind >= 2) view.window[2] = view.window[3] = 6;
+        if (!shoot(&p, &s, &view)) return;
+        stats = sbl_query_stats(context);
+        CHECK(stats.picture.specular_error < 0.1f && stats.picture.expected_error < 0.1f &&
+              stats.picture.radiance_error < 0.1f, "kind %d: errors %g, of lobes %g", kind,
+              (double)stats.picture.expected_error, (double)stats.picture.specular_error);
+        CHECK(kind >= 2 || stats.picture.specular_error > 0, "kind %d: no lobe is seen", kind);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* The predicted error of FINAL, for pixels and for the picture, is close to the true error. The exact picture has many
    rays at each pixel. */
 TEST(errors_of_final_are_foretold) {
@@ -1945,6 +2214,7 @@ TEST(views_and_lobes) {
 int main(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN_UNSANITIZED(silhouettes_of_mirrors_are_white);
     RUN_UNSANITIZED(furnace_of_metal);
     RUN_UNSANITIZED(furnace_of_plastic);
     RUN_UNSANITIZED(albedo_of_lobes);
@@ -1960,8 +2230,11 @@ int main(void) {
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
     RUN_UNSANITIZED(highlights_of_the_sky);
+    RUN_UNSANITIZED(distance_keeps_highlights);
+    RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
     RUN_UNSANITIZED(floors_behind_panes);
+    RUN_UNSANITIZED(panes_at_one_place_all_tint);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
@@ -1982,6 +2255,7 @@ int main(void) {
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
     RUN_UNSANITIZED(lamps_show_in_lobes_beside_them);
+    RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(parts_of_the_error_add_up);
     RUN_UNSANITIZED(errors_are_foretold);

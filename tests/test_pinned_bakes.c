@@ -403,11 +403,11 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x5a73eecd65d5bfceu,  /* glossy_picture */
-    0xcb3f9829f11fdf9au,  /* glossy_window */
-    0xcc9548b3bfd9379bu,  /* glossy_inspection */
+    0xdf6954b50e5d3ca4u,  /* glossy_picture */
+    0x42936f17c0e9646eu,  /* glossy_window */
+    0xdf098d12d6bae040u,  /* glossy_inspection */
     0x723538e9b9fed2c2u,  /* glossy_store */
-    0xb9ce941255cce13fu,  /* glossy_rasterised */
+    0xe3de59a9fb2be567u,  /* glossy_rasterised */
     0x3ea621949208353fu,  /* matte_picture */
     0x95f9611b7e30c296u,  /* plain_picture */
     0x125935d3f3f6d163u,  /* changed_picture */
