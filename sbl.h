@@ -6963,9 +6963,9 @@ typedef struct sbl__lamp {
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
-   lobe. weight: its area * its largest reflectance, or more, see sbl__planes_add */
+   lobe. own: its area * its largest reflectance. weight: at least `own`, see sbl__planes_add */
 typedef struct sbl__plane {
-    double normal[3], offset, weight;
+    double normal[3], offset, own, weight;
     float reflectance[3], alpha;
     sbl__box bounds;
 } sbl__plane;
@@ -7404,7 +7404,7 @@ static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__
     area = sbl__scene_normal(g, number, plane->normal);
     plane->offset = 0;
     for (k = 0; k < 3; k++) plane->offset += plane->normal[k] * (double)corner[k];
-    plane->weight = area * (double)most;
+    plane->own = plane->weight = area * (double)most;
     sbl__box_of_triangle(&plane->bounds, g, number);
     return plane->weight > 0;
 }
@@ -7432,7 +7432,8 @@ static sbl_result sbl__planes_add(void *work, int at) {
     for (i = 0; i < l->plane_count && !sbl__planes_agree(&l->planes[i], &plane, l->geometry); i++)
         if (l->planes[i].weight < p->weight) p = &l->planes[i];
     if (i < l->plane_count) {
-        l->planes[i].weight += plane.weight;
+        l->planes[i].own += plane.own;
+        l->planes[i].weight += plane.own;
         sbl__box_add(&l->planes[i].bounds, &plane.bounds);
     } else if (l->plane_count < SBL__PLANES) {
         l->planes[l->plane_count++] = plane;
@@ -7487,7 +7488,7 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
     out->radius = n->radius;
     out->power = n->power;
     out->distant = (uint32_t)distant;
-    return fabs(height) < 1e-4 * extent ? 0 : plane->weight * (double)n->power / (distant ? 1 : height * height);
+    return fabs(height) < 1e-4 * extent ? 0 : plane->own * (double)n->power / (distant ? 1 : height * height);
 }
 
 /* Mirrors all clusters at all planes, and keeps those that reflect most light. */
@@ -13613,8 +13614,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "uniform int mirrored_count;               // number of records in the scene\n",
 "\n",
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps: those that may give most light\n",
-"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if there are any\n",
+"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if a mirror is large enough\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
+"const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
 "vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
 "float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
@@ -13640,6 +13642,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        mirrored_way[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
+"    float most_covered = 0.0;\n",
 "    for (int i = 0; i < mirrored_count; i++) {\n",
 "        bool distant = sbl_mirrored_distant(i) != 0u;\n",
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
@@ -13655,14 +13658,18 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
 "        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
+"        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
+"        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
+"        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
+"        most_covered = max(most_covered, covered);\n",
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
-"        float light = (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);\n",
+"        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);\n",
 "        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
 "    }\n",
 "    float sum = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);\n",
-"    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS : 0.0;\n",
+"    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most_covered : 0.0;\n",
 "}\n",
 "\n",
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",

@@ -403,17 +403,17 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0xdf6954b50e5d3ca4u,  /* glossy_picture */
-    0x42936f17c0e9646eu,  /* glossy_window */
+    0xd0503e7043434b9fu,  /* glossy_picture */
+    0x9ea38ed124b99434u,  /* glossy_window */
     0xdf098d12d6bae040u,  /* glossy_inspection */
     0x723538e9b9fed2c2u,  /* glossy_store */
     0xe3de59a9fb2be567u,  /* glossy_rasterised */
     0x3ea621949208353fu,  /* matte_picture */
     0x95f9611b7e30c296u,  /* plain_picture */
     0x125935d3f3f6d163u,  /* changed_picture */
-    0xfa0af1ccdfce2429u,  /* directional_lightmap */
-    0x6788cd94cdee181cu,  /* grouped_lightmap */
-    0xdd5916a39f4bc851u,  /* joined_lightmap */
+    0x60e2d5ed7629e14eu,  /* directional_lightmap */
+    0xf08bc0c90799d9c9u,  /* grouped_lightmap */
+    0xfa884e45f098f528u,  /* joined_lightmap */
     0xbf7fc1d52c57c28fu,  /* fitted_vertices */
     0xc5989224b05fc9c0u,  /* averaged_vertices */
     0xbcc8eede06ff6b4eu,  /* traced_readings */
