@@ -419,14 +419,15 @@
    mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per pixel. The
    stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
 
-   Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light along
-   the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe there, as
-   if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send by way of
-   mirrors (caustics) is therefore blurred, but has no specks. A ray of a sensor that meets gloss of a roughness below
-   0.5 also continues in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at
-   which more than a fifth of the light is reflected, and at other angles with a smaller chance. Every other surface
-   reflects as a diffuse surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes
-   are also opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
+   along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
+   there, as if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send
+   by way of mirrors (caustics) is therefore blurred, but has no specks. Sensors send a part of their rays to lamps
+   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 also
+   continues in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at which more
+   than a fifth of the light is reflected, and at other angles with a smaller chance. Every other surface reflects as
+   a diffuse surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also
+   opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.7 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
@@ -2008,7 +2009,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    light leaks through a wall: from lamps or sky              >>trace, >>bvh
    light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
    bounced light is patchy, too bright or too dark            >>bounce
-   bright specks, or grain                                    >>guide, >>trace; only in SBL_MODE_GI: >>bounce
+   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; SBL_MODE_GI: >>bounce, too
    dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
    facets, or wrong normals                                   >>surface (facet_limit), >>geometry
    light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
@@ -6942,6 +6943,7 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
 #define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
+#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if its first part has at most this * its radius */
 #define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
@@ -7455,7 +7457,7 @@ static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
         for (i = 0; i < count; i++) {
             const sbl__lamp_node *n = &l->nodes[nodes[i]];
             const int is_leaf = (int)(n->beyond & ~SBL__FAR_NODE) == nodes[i] + 1;
-            if (is_leaf || n->power * n->radius <= most) continue;
+            if (is_leaf || n[1].radius > SBL__MIRRORED_SHRINKS * n->radius || n->power * n->radius <= most) continue;
             most = n->power * n->radius;
             best = i;
         }
@@ -13491,14 +13493,14 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin;\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"        if (to_mirrored) {\n",
+"        for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {\n",
 "            direction = sbl_mirrored_sample(u_mirrored);\n",
 "            u = sbl_by_cosine_inverse(direction * frame);\n",
 "#ifdef SBL_GUIDED\n",
 "            weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);\n",
 "#endif\n",
 "        }\n",
-"        if (mirrored_rays > 0.0) {\n",
+"        for (int once = 0; once < (mirrored_rays > 0.0 ? 1 : 0); once++) {\n",
 "            float cosine = max(dot(direction, frame[2]), 0.0);\n",
 "            float mirrored = mirrored_rays * sbl_mirrored_density(direction);\n",
 "            float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);\n",
@@ -13613,9 +13615,12 @@ static const char *const sbl__glsl_mirrored[] = {
 "#define SBL_SEES_MIRRORED\n",
 "uniform int mirrored_count;               // number of records in the scene\n",
 "\n",
-"const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps: those that may give most light\n",
-"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if a mirror is large enough\n",
+"const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light\n",
+"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps; less for small mirrors\n",
+"                                          // and for wide highlights, which other rays find, too\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
+"const float SBL_MIRRORED_HEIGHT = 1e-4;   // a sensor at a smaller height / distance stands in the mirror itself\n",
+"const float SBL_MIRRORED_NARROW = 0.02;   // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
 "vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
 "float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
@@ -13642,7 +13647,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        mirrored_way[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
-"    float most_covered = 0.0;\n",
+"    float most = 0.0;\n",
 "    for (int i = 0; i < mirrored_count; i++) {\n",
 "        bool distant = sbl_mirrored_distant(i) != 0u;\n",
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
@@ -13651,7 +13656,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 way = to / away;\n",
 "        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
 "        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
-"        if (height <= 0.0 || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
+"        if (height <= SBL_MIRRORED_HEIGHT * away || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
@@ -13661,15 +13666,16 @@ static const char *const sbl__glsl_mirrored[] = {
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
 "        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
-"        most_covered = max(most_covered, covered);\n",
+"        most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));\n",
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
-"        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);\n",
+"        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i);\n",
+"        light *= max(cosine, 0.1 * lamp);\n",
 "        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
 "    }\n",
 "    float sum = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);\n",
-"    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most_covered : 0.0;\n",
+"    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most : 0.0;\n",
 "}\n",
 "\n",
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",

@@ -6,9 +6,12 @@
 #define SBL_SEES_MIRRORED
 uniform int mirrored_count;               // number of records in the scene
 
-const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps: those that may give most light
-const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps, if a mirror is large enough
+const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light
+const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps; less for small mirrors
+                                          // and for wide highlights, which other rays find, too
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
+const float SBL_MIRRORED_HEIGHT = 1e-4;   // a sensor at a smaller height / distance stands in the mirror itself
+const float SBL_MIRRORED_NARROW = 0.02;   // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
 vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width
 float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
@@ -35,7 +38,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         mirrored_way[k] = vec4(normal, 1);
         mirrored_chance[k] = 0.0;
     }
-    float most_covered = 0.0;
+    float most = 0.0;
     for (int i = 0; i < mirrored_count; i++) {
         bool distant = sbl_mirrored_distant(i) != 0u;
         vec3 mirror_normal = sbl_mirrored_normal(i);
@@ -44,7 +47,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         vec3 way = to / away;
         float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);
         float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);
-        if (height <= 0.0 || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;
+        if (height <= SBL_MIRRORED_HEIGHT * away || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;
         float to_mirror = height / mirror_cosine;
         float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
         float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
@@ -54,15 +57,16 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
         vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);
-        most_covered = max(most_covered, covered);
+        most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));
         vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);
-        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i) * max(cosine, 0.1 * lamp);
+        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i);
+        light *= max(cosine, 0.1 * lamp);
         sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));
     }
     float sum = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];
     for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);
-    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most_covered : 0.0;
+    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most : 0.0;
 }
 
 // Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle

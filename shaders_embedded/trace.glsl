@@ -168,14 +168,14 @@ void main() {
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin;
 #ifdef SBL_SEES_MIRRORED
-        if (to_mirrored) {
+        for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {
             direction = sbl_mirrored_sample(u_mirrored);
             u = sbl_by_cosine_inverse(direction * frame);
 #ifdef SBL_GUIDED
             weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);
 #endif
         }
-        if (mirrored_rays > 0.0) {
+        for (int once = 0; once < (mirrored_rays > 0.0 ? 1 : 0); once++) {
             float cosine = max(dot(direction, frame[2]), 0.0);
             float mirrored = mirrored_rays * sbl_mirrored_density(direction);
             float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);
