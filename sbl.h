@@ -2009,7 +2009,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    light leaks through a wall: from lamps or sky              >>trace, >>bvh
    light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
    bounced light is patchy, too bright or too dark            >>bounce
-   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; SBL_MODE_GI: >>bounce, too
+   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bounce
    dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
    facets, or wrong normals                                   >>surface (facet_limit), >>geometry
    light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
