@@ -10797,7 +10797,9 @@ typedef struct sbl__spec {
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
-    int divisor;                /* traced: divides the number of rays per invocation (0 acts as 1), see sbl__job_lost */
+    int divisor;                /* traced: divides the maximum number of rays per invocation, so that loops are shorter
+                                   on a driver that ends long ones early, see sbl__job_lost; 0 acts as 1. The number of
+                                   rays per look stays the same */
     /* Jobs whose specs differ only in the following fields use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_options */
     int guided;                 /* 1: guides direct rays, see >>guide */
@@ -13156,14 +13158,15 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
 "// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl\n",
-"// traces them at near hits and at metal, cast.glsl at metal.\n",
+"// traces them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the\n",
+"// rays); cast.glsl traces them where sbl_shines is true, as for metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe\n",
 "// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps\n",
 "// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
-"// \"Path Space Regularization for Holistic and Robust Light Transport\"). Gloss gets at least SBL_BLURRED_GLOSS,\n",
-"// because it reflects less light.\n",
+"// \"Path Space Regularization for Holistic and Robust Light Transport\"). Except in such rays, gloss gets at least\n",
+"// SBL_BLURRED_GLOSS, because it reflects less light.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
@@ -13202,7 +13205,7 @@ static const char *const sbl__glsl_reflect[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// The two rays that leave a near hit. Both start at `from`.\n",
+"// The two rays that leave a hit that is near or shines. Both start at `from`.\n",
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
 "    vec3 to_lamp;           // unit direction of the ray to a lamp\n",
@@ -13254,8 +13257,8 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.\n",
-"// direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
+"// Samples the two rays that start at a hit that is near or shines (see SBL_LEGS): the ray to a lamp and the\n",
+"// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -14740,9 +14743,10 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
    its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
-   points whose rays had been cast when a cut last split the leaf (hits of later points have found the leaf as it is);
-   0: no cut has split it since all hits were placed; read_end: 1 + index of the leaf's last read. Its first read
-   follows the last read of the leaf before it. */
+   points whose rays had been cast when a cut last split the leaf: the hits of these rays may lie on the other side of
+   the cut and must be placed again, those of later points need not; 0: no cut has split the leaf since all hits were
+   last placed again; read_end: 1 + index of the leaf's last read. Its first read follows the last read of the leaf
+   before it. */
 typedef struct sbl__bounce_leaf {
     int points, most, first, valid, bright;
     float share;
@@ -14794,7 +14798,8 @@ typedef struct sbl__bounce {
     sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
     sbl__hits released;              /* hits that waited for the last cuts; the queue points to them */
     sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
-    int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast */
+    int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast and have
+                                        made their cuts; the stage CUT raises it when it ends */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
     /* a cache: side of the last ray from a surface, and the results of sbl__side_offset for this side */
@@ -14830,7 +14835,7 @@ typedef struct sbl__bounce {
     double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
                                         a hit. 0: it need not grow, or it cannot, and hits without a leaf are dropped */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
-    int rounds;
+    int rounds;                      /* number of rounds of the solution so far */
     sbl__black black;                /* decides which leaves black surfaces get */
     int black_leaves;                /* number of leaves on black surfaces */
     int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
@@ -17461,7 +17466,8 @@ typedef struct sbl__refine {
     int site_count, site_room, reading_room, reading_layer_room, look_count;
     int *searched;            /* indices of the texels that this round searches for places */
     int searched_count, searched_room;
-    sbl__site *places;        /* places of texels, see sbl__sensor.places */
+    sbl__site *places;        /* the places of all texels that have some: positions from which a texel's sensor looks
+                                 instead of from its hidden centre, see >>refine: places */
     int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
@@ -19107,7 +19113,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_calibrate(r);
 }
 
-/* Sets the position of the pixels in the whole picture, and determines whose errors count. */
+/* Sets where the working grid lies in the whole picture. The errors of pixels in the window, and of those around it that
+   the filter or anti-aliasing may read, count (see sbl__window_counts). */
 static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
@@ -19330,8 +19337,8 @@ static void sbl__fill_mean(void *user, int index) {
     for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
 }
 
-/* Spreads light to orphans by rings, piece by piece. Until the rings are made, f->row counts the rows of pixels whose
-   ring is known. */
+/* Spreads light to orphans by rings, piece by piece. Before that, visits all pixels: puts those that have light into
+   ring 0, and makes the noise of orphans positive. f->row counts the rows of pixels visited. */
 static sbl_result sbl__fill_orphans(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
     int i, end;
@@ -20132,7 +20139,8 @@ static double sbl__need_fits(const sbl__need *n, double bytes) {
     return SBL__MAX(0, SBL__MIN((bytes - n->once[0]) / n->pixel[0], (bytes - n->once[1]) / n->pixel[1]));
 }
 
-/* Returns SBL_ERROR_OUT_OF_MEMORY, and logs the size that would fit, if the budget does not allow the need. */
+/* If the memory budget does not allow the need, logs the size of the largest square picture, in working pixels, that
+   would fit, and returns SBL_ERROR_OUT_OF_MEMORY. A budget of 0 allows everything. */
 static sbl_result sbl__need_afford(const sbl__base *base, const char *function, const sbl__need *need) {
     const double left = (double)base->budget - (double)base->memory.host_bytes - (double)base->memory.gpu_bytes;
     const double side = sqrt(sbl__need_fits(need, left));

@@ -245,7 +245,7 @@ static inline int bake__damaged(bake_parts *b, int index) {
 
 /* ---- reading lines: only text in the form of the bake_put functions is accepted ---- */
 
-enum { BAKE_LINE = 8192 };  /* length of the longest line, with its newline */
+enum { BAKE_LINE = 8192 };  /* size of the buffer for a line: characters, newline and final 0 */
 
 /* Reads one line. Returns 1 if it is complete: it ends in a newline and fits into BAKE_LINE. */
 static inline int bake__line(FILE *in, char line[BAKE_LINE]) {

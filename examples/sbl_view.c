@@ -486,8 +486,8 @@ static const char *name_to_save(void) {
     return name;
 }
 
-/* Reads the picture to save: for a .png the shown picture, otherwise the values of the channel. Returns 0 on
-   failure. */
+/* Reads the picture to save. For a .png without a selected channel, this is the frame as it is shown. Otherwise it is
+   the values of the channel, which picture_write turns into colours for a .png. Returns 0 on failure. */
 static int read_to_save(saved *s, image *picture) {
     if (view.channel || !scene__ends_with(s->name, ".png")) {
         s->channel = channels[view.channel];

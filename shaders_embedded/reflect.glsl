@@ -1,12 +1,13 @@
 // The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl
-// traces them at near hits and at metal, cast.glsl at metal.
+// traces them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the
+// rays); cast.glsl traces them where sbl_shines is true, as for metal.
 
 #ifdef SBL_SPECULAR
 // A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
 // (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps
 // that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
-// "Path Space Regularization for Holistic and Robust Light Transport"). Gloss gets at least SBL_BLURRED_GLOSS,
-// because it reflects less light.
+// "Path Space Regularization for Holistic and Robust Light Transport"). Except in such rays, gloss gets at least
+// SBL_BLURRED_GLOSS, because it reflects less light.
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
@@ -45,7 +46,7 @@ float sbl_hit_density(sbl_Hit hit, vec3 direction) {
 #endif
 
 #ifdef SBL_BOUNCED
-// The two rays that leave a near hit. Both start at `from`.
+// The two rays that leave a hit that is near or shines. Both start at `from`.
 struct sbl_Reflection {
     vec3 from;
     vec3 to_lamp;           // unit direction of the ray to a lamp
@@ -97,8 +98,8 @@ vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sa
 }
 #endif
 
-// Samples the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
-// direction: direction of the ray that arrives at the hit. hash: source of the random numbers
+// Samples the two rays that start at a hit that is near or shines (see SBL_LEGS): the ray to a lamp and the
+// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;

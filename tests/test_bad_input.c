@@ -1580,6 +1580,7 @@ int main(void) {
         }
     RUN(context_desc);
     RUN(context_desc_all_at_once);
+    RUN(context_desc_not_zeroed);
     RUN(scene_without_mistakes);
     RUN(scene_desc);
     RUN(mesh_counts_and_material);

@@ -549,7 +549,8 @@ static void host_geometry_draw(const sbl_draw_view *view, void *user) {
     gl.DrawArrays(GL_TRIANGLES, 0, h->corners);
 }
 
-/* Compares drawing by the host with meshes. lit: 0: the room has a sky and no lamp, so all light comes from texels and
+/* Compares drawing by the host with meshes. first: index of the first mesh that the host draws; it also draws all later
+   ones. disabled: see sbl_context_desc. lit: 0: the room has a sky and no lamp, so all light comes from texels and
    must be equal up to rounding; 1: rays to the lamp hit meshes exactly, but geometry of the host only in texels */
 static void drawn_by_host(int first, uint32_t disabled, int lit) {
     static picture meshes, drawn;

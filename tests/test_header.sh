@@ -26,8 +26,9 @@ compiles() {
     } > "$folder/unit.c"
     # SBL_STATIC must be defined before the first inclusion
     case " $* " in *" SBL_STATIC "*) sed -i 1d "$folder/unit.c" ;; esac
-    # gcc finds unused functions only when it generates code; clang always finds them. Later standards differ only in
-    # the code that they accept. The objects with EGL are linked into the programs below.
+    # gcc finds unused functions only when it generates code, whereas clang always finds them. Therefore gcc generates
+    # code for this purpose only if clang is not installed ($code). Later standards differ only in the code that they
+    # accept. The objects with EGL are always generated, because the programs below are linked with them.
     case $compiler,$standard,$* in
         gcc,c99,*_EGL | gcc,c++11,*_EGL) output="-c -o $folder/unit_$standard.o" ;;
         gcc,c99,* | gcc,c++11,*) output="$code" ;;
