@@ -19113,8 +19113,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_calibrate(r);
 }
 
-/* Sets where the working grid lies in the whole picture. The errors of pixels in the window, and of those around it that
-   the filter or anti-aliasing may read, count (see sbl__window_counts). */
+/* Sets where the working grid lies in the whole picture. The errors of pixels in the window, and of those around it
+   that the filter or anti-aliasing may read, count (see sbl__window_counts). */
 static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {

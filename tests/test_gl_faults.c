@@ -36,7 +36,7 @@ static void scenes_make(void) {
         1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2 };
     sbl_mesh *m;
     small_scene(&scene);
-    /* duplicate triangles; sbl__bvh_drop_copies removes them, and needs memory, which it may not get */
+    /* duplicate triangles; the hierarchy drops the copies, and needs memory for this, which it may not get */
     scene_mesh(&scene, 0, corners, NULL, NULL, 3, copies, 3 * 12);
     gl.GenBuffers(1, &buffer);
     gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
