@@ -489,7 +489,8 @@ TEST(a_furnace_in_a_large_scene) {
         if (half > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -half, -half, -half, half, half, half);
         site_count = 0;
         add_sites_anywhere(0.9, 100);
-        for (k = 0; k < site_count; k++) sites[k].offset = -1;  /* not moved; the default offset grows with the scene, and would be too large here */
+        /* not moved; the default offset grows with the scene, and would be too large here */
+        for (k = 0; k < site_count; k++) sites[k].offset = -1;
         if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 512)) {
             worst = off_one(&mean);
             printf("  ground of %g, box of %g: mean off by %.2g, rms %.2g, worst %.2g; %d cells\n", (double)grounds[i],

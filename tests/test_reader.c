@@ -417,9 +417,10 @@ static scene_file *check_gloss(const char *name, const char *what, const gloss *
 #define EXTENSION(name, values) "\"extensions\":{\"KHR_materials_" name "\":{" values "}}"
 #define BLACK_LAMP MODEL("\"baseColorFactor\":[0,0,0,1],\"roughnessFactor\":0.5") ",\"emissiveFactor\":[0,0,1]"
 
-/* Each material of a .gltf has the values of the file. All materials are matte if no material of the file has metalness,
-   a roughness below 1, a texture of these or transmission. A material that gives neither factors nor a texture for
-   metal and roughness does not count as metal here; unlit surfaces and black lamps never count; see scene_file.h. */
+/* Each material of a .gltf has the values of the file. All materials are matte if no material of the file has
+   metalness, a roughness below 1, a texture of these or transmission. A material that gives neither factors nor a
+   texture for metal and roughness does not count as metal here; unlit surfaces and black lamps never count; see
+   scene_file.h. */
 TEST(gloss_of_gltf) {
     static const struct { const char *materials; gloss all[GLOSSES]; } files[] = {
         { FACTORS("0", "1") "||" MODEL("\"baseColorFactor\":[1,0,0,1]") "|\"emissiveFactor\":[1,1,1]",
