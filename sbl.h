@@ -1014,7 +1014,7 @@ typedef struct sbl_capabilities {
 } sbl_capabilities;
 
 typedef struct sbl_programs {
-    int count;                /* number of GL programs compiled so far */
+    int compiled;             /* number of GL programs compiled so far */
     double compile_seconds;   /* seconds spent compiling them */
 } sbl_programs;
 
@@ -1447,7 +1447,7 @@ typedef struct sbl_stats {
         int64_t rays;             /* rays between surfaces and of the store's sensors, if this work made the store */
     } store;
     struct {
-        int64_t count;            /* number of points at which light was measured; probes: number of positions */
+        int64_t sites;            /* number of points at which light was measured; probes: number of positions */
         int64_t invalid;          /* number of sensors that are stuck inside geometry or whose rays were lost, and in
                                      lightmaps also those of hidden texels; pictures, lightmaps and vertices use the
                                      light of neighbours instead */
@@ -1455,7 +1455,7 @@ typedef struct sbl_stats {
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
         int readbacks;            /* number of transfers from GPU to host */
-        double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
+        double microseconds;      /* seconds.total / sites, as in the paper, in microseconds */
     } sensors;
     struct {                      /* the picture or lightmap */
         int width, height;        /* size in pixels: of the window if there is one, otherwise of the whole picture */
@@ -3268,7 +3268,7 @@ typedef struct sbl__device {
     unsigned empty_array;    /* vertex array without attributes */
     unsigned reader;         /* framebuffer to which sbl__target_read attaches the texture that it reads */
     sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
-    sbl_programs compiled;   /* number of programs compiled so far, and the seconds spent compiling them */
+    sbl_programs totals;     /* number of programs compiled so far, and the seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
@@ -3647,7 +3647,7 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
-    for (i = 0; i < d->compiled.count; i++)
+    for (i = 0; i < d->totals.compiled; i++)
         if (d->programs[i].recipe == recipe && d->programs[i].features == features) return &d->programs[i];
     return NULL;
 }
@@ -3656,10 +3656,10 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
     const double start = sbl__now();
-    sbl__program *program = &d->programs[d->compiled.count];
+    sbl__program *program = &d->programs[d->totals.compiled];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
-    if (d->compiled.count == SBL__PROGRAMS_MOST) {
+    if (d->totals.compiled == SBL__PROGRAMS_MOST) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "there is no room for the program \"%s\": the table "
                  "holds %d", recipe->name, SBL__PROGRAMS_MOST);
         return SBL_ERROR_UNSUPPORTED;
@@ -3670,8 +3670,8 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     result = sbl__program_make(d, program);
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
-    d->compiled.count++;
-    d->compiled.compile_seconds += sbl__now() - start;
+    d->totals.compiled++;
+    d->totals.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
 
@@ -4087,7 +4087,7 @@ static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && 
 
 static void sbl__device_free(sbl__device *d) {
     int i;
-    for (i = 0; i < d->compiled.count; i++) d->gl.DeleteProgram(d->programs[i].id);
+    for (i = 0; i < d->totals.compiled; i++) d->gl.DeleteProgram(d->programs[i].id);
     sbl__array_delete(d, &d->empty_array);
     if (d->reader) d->gl.DeleteFramebuffers(1, &d->reader);
 }
@@ -18483,7 +18483,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     s->sensed = 1;
     if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
     if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
-    stats->sensors.count++;
+    stats->sensors.sites++;
     return sbl__refine_validate(r, r->sites[at].pixel, reading);
 }
 
@@ -22138,7 +22138,7 @@ static int sbl__gathering_after_sense(void *work) {
     sbl_stats *stats = &g->work.core->stats;
     const int count = g->work.task.site_count;
     int i;
-    stats->sensors.count += count;
+    stats->sensors.sites += count;
     for (i = 0; i < count; i++) stats->sensors.invalid += !g->work.task.readings[i].valid;
     g->first += count;
     return sbl__gathering_next_job(g);
@@ -22530,7 +22530,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
     float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);
     int a, b, k, layer;
-    s->work.core->stats.sensors.count++;
+    s->work.core->stats.sensors.sites++;
     s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
     s->parts[s->part].points += 1;
@@ -23225,7 +23225,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
 static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
     int i, k, left = 0;
-    stats->sensors.count += g->count;
+    stats->sensors.sites += g->count;
     for (i = 0; i < g->count; i++) {
         const sbl__probe_sum *sum = &g->sums[i];
         sbl__probe_sum next;
@@ -24062,8 +24062,8 @@ static sbl_result sbl__compile_all(sbl__device *d) {
             result = sbl__program_need(d, recipes[i], features);
         }
     if (result == SBL_SUCCESS)
-        sbl__log(d->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s", d->compiled.count,
-                 d->compiled.compile_seconds);
+        sbl__log(d->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s", d->totals.compiled,
+                 d->totals.compile_seconds);
     return result;
 }
 
@@ -24346,8 +24346,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__visit_enter(c, &visit);
     do result = sbl__context_step(c, &slice);
     while (result == SBL_UNFINISHED && sbl__now() < last);
-    if (c->core.stats.sensors.count)
-        c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
+    if (c->core.stats.sensors.sites)
+        c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.sites;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
         sbl__drop(c, c->work);  /* also a finished picture, if the progress callback cancels after the last piece */
         sbl__job_free(&c->core.device, &c->core.job);
@@ -24510,7 +24510,7 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
     X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \
     X(sbl_stats, sbl_query_stats, c->core.stats) \
     X(sbl_memory, sbl_query_memory, c->core.base.memory) \
-    X(sbl_programs, sbl_query_programs, c->core.device.compiled)
+    X(sbl_programs, sbl_query_programs, c->core.device.totals)
 #define SBL__X(type, function, value) \
     SBL_API type function(const sbl_context *c) { \
         type none; \

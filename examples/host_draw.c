@@ -174,7 +174,7 @@ int main(int argc, char **argv) {
     desc.get_gl_function = gl_function;
     if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h prints error messages to stderr */
         ok = render(context, bare ? NULL : &s, picture);
-        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count,
+        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.sites,
                sbl_query_stats(context).sensors.microseconds);
     }
     sbl_destroy(context);

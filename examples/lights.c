@@ -124,7 +124,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, const char
     if (sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, count) != SBL_SUCCESS) return 0;
     sbl_encode_srgb8(pixels, picture, count, 1);
     stats = sbl_query_stats(context);
-    printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors.count, stats.seconds.total);
+    printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors.sites, stats.seconds.total);
     return 1;
 }
 

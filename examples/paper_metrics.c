@@ -74,7 +74,7 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
         if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
     }
     printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size,
-           (long long)stats->sensors.count, stats->sensors.microseconds);
+           (long long)stats->sensors.sites, stats->sensors.microseconds);
     fflush(stdout);
     return MEASURED;
 }
@@ -120,7 +120,7 @@ static int table_1(metrics *m) {
         int width = m->plan->table[i][0], height = m->plan->table[i][1];
         outcome = measure(m, width, height, size, &stats);
         if (outcome != MEASURED) break;
-        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors.count,
+        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors.sites,
                 stats.sensors.microseconds);
     }
     return csv_close(csv, "table_1.csv") && outcome != FAILED;
@@ -138,7 +138,7 @@ static int figures_10_and_11(metrics *m) {
             outcome = measure(m, width, height, size, &stats);
             if (outcome != MEASURED) break;
             fprintf(times_csv, "%d,%d,%d,%.3f\n", width, height, size, stats.sensors.microseconds);
-            fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors.count);
+            fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors.sites);
         }
     ok = times_csv && csv_close(times_csv, "figure_10.csv");
     ok = counts_csv && csv_close(counts_csv, "figure_11.csv") && ok;
@@ -179,7 +179,7 @@ static int figure_12(metrics *m) {
              sbl_read_channel(m->context, SBL_CHANNEL_RADIANCE, radiance, 3 * pixels) == SBL_SUCCESS &&
              sbl_read_channel(m->context, SBL_CHANNEL_ID, id, pixels) == SBL_SUCCESS;
         if (!ok) break;
-        fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors.count, roughness(radiance, id, side));
+        fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors.sites, roughness(radiance, id, side));
         for (y = 0; y < side; y++)
             sbl_encode_srgb8(sheet + 3 * (y * width + i * (side + gap)), picture + 3 * y * side, (size_t)(3 * side), 1);
     }

@@ -996,7 +996,7 @@ static int bake_lightmap(tool_task *task, double *seconds) {
     if (status == DONE) status = bake_extras(&b);
     if (status == DONE && b.bar.shown)
         fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s%s\n", common.output, options.lightmap,
-                options.lightmap, (double)task->stats.sensors.count, *seconds,
+                options.lightmap, (double)task->stats.sensors.sites, *seconds,
                 given[PART] || !writes_lit() ? "" : "; any viewer of glTF shows scene_lit.glb in it");
     scene_end(&b.scene);
     free(b.meshes);

@@ -504,7 +504,7 @@ static int write_stats(FILE *out, const void *what) {
     fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  "
         "\"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
-            (double)s.sensors.count, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays,
+            (double)s.sensors.sites, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays,
                 s.store.cells, (double)s.store.rays);
     for (i = 0; i < s.picture.level_count; i++)
         fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile,
@@ -622,7 +622,7 @@ static void detail_choices(const tool_task *task) {
     detail("mode: %s", name_of_mode(s.mode));
     if (s.picture.width)
         detail("size: %d x %d, %d with a surface, %.0f sensors", s.picture.width, s.picture.height,
-               s.picture.visible_pixels, (double)s.sensors.count);
+               s.picture.visible_pixels, (double)s.sensors.sites);
     if (s.picture.target_error > 0)
         detail("target error: %.3g %%, predicted %.3g %%", 100 * (double)s.picture.target_error,
                100 * (double)s.picture.expected_error);

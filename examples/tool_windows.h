@@ -225,7 +225,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     const sbl_stats old = *sum;
     int i;
     *sum = *s;
-    sum->sensors.count += old.sensors.count;
+    sum->sensors.sites += old.sensors.sites;
     sum->sensors.invalid += old.sensors.invalid;
     sum->sensors.views += old.sensors.views;
     sum->sensors.texels += old.sensors.texels;
@@ -245,7 +245,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     sum->seconds.filter += old.seconds.filter;
     sum->seconds.resolve += old.seconds.resolve;
     sum->seconds.total += old.seconds.total;
-    sum->sensors.microseconds = sum->sensors.count > 0 ? 1e6 * sum->seconds.total / (double)sum->sensors.count : 0;
+    sum->sensors.microseconds = sum->sensors.sites > 0 ? 1e6 * sum->seconds.total / (double)sum->sensors.sites : 0;
 }
 
 /* Makes the windows that are not finished yet. Returns the exit status. */

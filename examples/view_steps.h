@@ -49,7 +49,7 @@ static void steps__look(const sbl_context *context, steps_state *s) {
     getrusage(RUSAGE_THREAD, &use);
     memcpy(s->phases, phases, sizeof phases);
     s->interruptions = use.ru_nivcsw;
-    s->programs = sbl_query_programs(context).count;
+    s->programs = sbl_query_programs(context).compiled;
     s->wall = steps__clock(CLOCK_MONOTONIC);
     s->own = steps__clock(CLOCK_THREAD_CPUTIME_ID);
     s->all = steps__clock(CLOCK_PROCESS_CPUTIME_ID);

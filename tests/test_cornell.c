@@ -93,7 +93,7 @@ TEST(refinement_on_the_cornell_box) {
     if (!scene_render(context, &s, &view)) goto done;
     stats = sbl_query_stats(context);
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    share = (double)stats.sensors.count / stats.picture.visible_pixels;
+    share = (double)stats.sensors.sites / stats.picture.visible_pixels;
     check_prediction(&view, &stats, radiance);
     for (n = 0; n < WINDOWS * WINDOWS; n++) {
         int x0 = 10 + n % WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1),

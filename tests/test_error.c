@@ -215,7 +215,7 @@ static void predicted_well(void (*make)(known *)) {
         printf("  target error %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels "
                "within twice their prediction; %lld sensors, %lld rays\n",
                100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within,
-               (long long)sbl_query_stats(context).sensors.count, (long long)sbl_query_stats(context).sensors.rays);
+               (long long)sbl_query_stats(context).sensors.sites, (long long)sbl_query_stats(context).sensors.rays);
         CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level],
               "target %g: the predicted error is %g", (double)asked[level], f.predicted);
         CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted,

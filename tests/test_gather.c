@@ -328,8 +328,8 @@ TEST(slices_cancel_and_end) {
     desc = gather_of(sites, whole, COUNT);
     desc.options.rays = 24;
     REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).sensors.count == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT,
-          "sensors.count is %d, sensors.rays is %d", (int)sbl_query_stats(context).sensors.count,
+    CHECK(sbl_query_stats(context).sensors.sites == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT,
+          "sensors.sites is %d, sensors.rays is %d", (int)sbl_query_stats(context).sensors.sites,
           (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1,
           "sbl_step after the end fails, or progress is not 1");

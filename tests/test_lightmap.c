@@ -180,7 +180,7 @@ TEST(a_floor_under_a_lamp) {
         }
         mean /= count;
         printf("  %d texels: %.3f %% rms, %.2f %% at worst; %lld sensors\n", count, 100 * sqrt(squares / count) / mean,
-               100 * worst, (long long)sbl_query_stats(context).sensors.count);
+               100 * worst, (long long)sbl_query_stats(context).sensors.sites);
         CHECK(sqrt(squares / count) < 0.005 * mean, "rms %.3f %%", 100 * sqrt(squares / count) / mean);
         CHECK(charts[0] == 0 && charts[1] > 10000 && charts[1] == charts[2],
               "charts of %d and %d texels, %d texels of other charts",

@@ -380,9 +380,9 @@ TEST(odd_sizes) {
                       view.height, tiles[t], worst);
                 CHECK(stats.picture.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height,
                       stats.picture.visible_pixels);
-                CHECK(marked == stats.sensors.count && marked > 0,
-                      "%d x %d, tile %d: %d pixels are marked, but sensors.count is %d", view.width, view.height,
-                      tiles[t], marked, (int)stats.sensors.count);
+                CHECK(marked == stats.sensors.sites && marked > 0,
+                      "%d x %d, tile %d: %d pixels are marked, but sensors.sites is %d", view.width, view.height,
+                      tiles[t], marked, (int)stats.sensors.sites);
                 CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: with tile 1, %d pixels have a sensor", view.width,
                       view.height,
                       marked);
@@ -413,10 +413,10 @@ TEST(constant_light_needs_few_sensors) {
             stats = sbl_query_stats(context);
             for (i = 0; i < 96 * 64; i++)
                 off[fine] = test_max(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
-            if (fine) CHECK(stats.sensors.count == 96 * 64, "tile 1: sensors.count is %d", (int)stats.sensors.count);
+            if (fine) CHECK(stats.sensors.sites == 96 * 64, "tile 1: sensors.sites is %d", (int)stats.sensors.sites);
             else
-                CHECK(stats.sensors.count >= 4 * 6 && stats.sensors.count <= 5 * 7 * 2,
-                      "tile 16: sensors.count is %d for 24 tiles", (int)stats.sensors.count);
+                CHECK(stats.sensors.sites >= 4 * 6 && stats.sensors.sites <= 5 * 7 * 2,
+                      "tile 16: sensors.sites is %d for 24 tiles", (int)stats.sensors.sites);
             free(radiance);
         }
         CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m],
@@ -447,7 +447,7 @@ TEST(interpolation_stays_on_its_surface) {
         stats = sbl_query_stats(context);
         CHECK(worst < 0.02 && between == 0, "%s, threshold %g: R is off by %.4f, %d pixels are mixed", name,
               (double)view.threshold, worst, between);
-        CHECK(stats.sensors.count < 64 * 64 / 2, "%s: %d sensors.count", name, (int)stats.sensors.count);
+        CHECK(stats.sensors.sites < 64 * 64 / 2, "%s: %d sensors", name, (int)stats.sensors.sites);
     }
     scene_free(&s);
 }
@@ -471,10 +471,10 @@ TEST(tile_1_senses_what_is_visible) {
     }
     CHECK(visible > 100 && visible < 1000, "%d pixels show the sphere", visible);
     CHECK(wrong == 0, "%d pixels wrongly have a sensor, or have none", wrong);
-    CHECK(stats.sensors.count == visible && stats.picture.visible_pixels == visible,
-          "sensors.count is %d, visible_pixels %d, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels,
+    CHECK(stats.sensors.sites == visible && stats.picture.visible_pixels == visible,
+          "sensors.sites is %d, visible_pixels %d, expected %d", (int)stats.sensors.sites, stats.picture.visible_pixels,
           visible);
-    CHECK(stats.sensors.views == 5 * stats.sensors.count, "%d views", (int)stats.sensors.views);
+    CHECK(stats.sensors.views == 5 * stats.sensors.sites, "%d views", (int)stats.sensors.views);
     free(id);
     free(sensed);
     scene_free(&s);
@@ -505,7 +505,7 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
         if (!scene_render(context, &s, &view)) continue;
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         stats = sbl_query_stats(context);
-        sensors[k] = stats.sensors.count;
+        sensors[k] = stats.sensors.sites;
         for (i = 0; i < 64 * 64; i++) {
             mean += (double)exact[3 * i] / (64 * 64);
             off[k] += fabs((double)radiance[3 * i] - (double)exact[3 * i]) / (64 * 64);
@@ -516,8 +516,8 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
             sum += stats.picture.levels[i].sensors;
             CHECK(stats.picture.levels[i].tile == 16 >> i, "level %d has tile %d", i, stats.picture.levels[i].tile);
         }
-        CHECK(sum == stats.sensors.count, "the levels sum to %d sensors, expected %d", (int)sum,
-              (int)stats.sensors.count);
+        CHECK(sum == stats.sensors.sites, "the levels sum to %d sensors, expected %d", (int)sum,
+              (int)stats.sensors.sites);
         free(radiance);
     }
     printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0],
@@ -560,7 +560,7 @@ TEST(threshold_units) {
             view.options.sensor_size = 16;
             view.threshold = k == 2 ? 0.4f : 0.05f;
             view.options.epsilon = 1e-9f;
-            if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors.count;
+            if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors.sites;
             scene_free(&s);
         }
         if (m == 0)

@@ -229,9 +229,9 @@ TEST(errors_are_shares_of_the_given_mean) {
     given = sbl_query_stats(context);
     CHECK(!memcmp(given.picture.mean_radiance, view.mean_radiance, sizeof view.mean_radiance), "the mean is %g, not %g",
           (double)given.picture.mean_radiance[0], (double)view.mean_radiance[0]);
-    CHECK(given.sensors.count < own.sensors.count && 8 * given.picture.expected_error > 3 * own.picture.expected_error,
+    CHECK(given.sensors.sites < own.sensors.sites && 8 * given.picture.expected_error > 3 * own.picture.expected_error,
           "%.0f sensors and an error of 8 * %.5f for a target 8 times as large, %.0f and %.5f without",
-          (double)given.sensors.count, (double)given.picture.expected_error, (double)own.sensors.count,
+          (double)given.sensors.sites, (double)given.picture.expected_error, (double)own.sensors.sites,
           (double)own.picture.expected_error);
     CHECK(given.picture.expected_error < view.target_error && own.picture.expected_error < view.target_error,
           "expected errors %.4f and %.4f", (double)given.picture.expected_error, (double)own.picture.expected_error);
@@ -250,8 +250,8 @@ TEST(margins_are_not_refined) {
         set_window(&view, places[i]);
         if (!make(&view, SBL_CHANNEL_SENSORS, part, 12 * 12)) return;
         stats = sbl_query_stats(context);
-        CHECK(stats.sensors.count <= 200, "window %d: %.0f sensors for 16 x 16 pixels", i,
-              (double)stats.sensors.count);
+        CHECK(stats.sensors.sites <= 200, "window %d: %.0f sensors for 16 x 16 pixels", i,
+              (double)stats.sensors.sites);
     }
 }
 

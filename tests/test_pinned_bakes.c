@@ -117,7 +117,7 @@ static hash add_stats(hash h) {
     h = pins_add(h, &t.scene.triangles, sizeof t.scene.triangles);
     h = pins_add(h, &t.scene.lamps, sizeof t.scene.lamps);
     h = pins_add(h, &t.store, sizeof t.store);
-    h = pins_add(h, &t.sensors.count, sizeof t.sensors.count);
+    h = pins_add(h, &t.sensors.sites, sizeof t.sensors.sites);
     h = pins_add(h, &t.sensors.invalid, sizeof t.sensors.invalid);
     h = pins_add(h, &t.sensors.rays, sizeof t.sensors.rays);
     h = pins_add(h, &t.picture.visible_pixels, sizeof t.picture.visible_pixels);

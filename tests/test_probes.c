@@ -488,8 +488,8 @@ TEST(moving_out) {
         bake(&desc);
         CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d probes are still inside",
               (int)sbl_query_stats(context).sensors.invalid);
-        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "sensors.count is %d",
-              (int)sbl_query_stats(context).sensors.count);
+        CHECK(sbl_query_stats(context).sensors.sites >= 5 + blocked, "sensors.sites is %d",
+              (int)sbl_query_stats(context).sensors.sites);
         CHECK(memcmp(&moved[1], &still[1], sizeof *moved) == 0, "a valid probe was moved");
         for (i = 0; i < 3; i += 2) {
             const float *p = moved[i].position;
@@ -756,10 +756,10 @@ TEST(slices_cancel_and_end) {
     bake(&desc);
     for (i = 0; i < MANY; i++) moved += apart(whole[i].position, at + 3 * i) > 0;
     CHECK(moved > 5 && moved < MANY / 2, "%d were moved", moved);
-    CHECK(sbl_query_stats(context).sensors.count >= MANY + moved &&
+    CHECK(sbl_query_stats(context).sensors.sites >= MANY + moved &&
               sbl_query_stats(context).sensors.rays >= (int64_t)300 * MANY &&
               sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
-          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.count,
+          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.sites,
           (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1,
           "sbl_step after the end fails, or progress is not 1");

@@ -67,9 +67,9 @@ TEST(every_stage_comes_in_pieces) {
     view.tile = 64;
     view.threshold = 10;
     gpu = sbl_query_memory(context).gpu_bytes;
-    i = sbl_query_programs(context).count;
+    i = sbl_query_programs(context).compiled;
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_programs(context).count == i,
+    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_programs(context).compiled == i,
           "sbl_begin makes textures or compiles");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         const sbl__map *map = &context->picture.map;
@@ -410,18 +410,19 @@ TEST(programs_compile_when_used_or_ahead) {
     if (!context) return;
     before = sbl_query_programs(context);
     /* sbl_create compiles only the programs of the section >>trial of sbl.h */
-    CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);
+    CHECK(before.compiled <= 4, "%d programs are compiled before they are used", before.compiled);
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
-        programs = sbl_query_programs(context).count;
+        programs = sbl_query_programs(context).compiled;
         result = sbl_step(context, 1e-9);
-        programs = sbl_query_programs(context).count - programs;
+        programs = sbl_query_programs(context).compiled - programs;
         most = programs > most ? programs : most;
     }
     after = sbl_query_programs(context);
     CHECK(result == SBL_SUCCESS && most == 1, "%d programs compiled in one step", most);
-    CHECK(after.count >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.count, after.compile_seconds);
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).count == after.count,
+    CHECK(after.compiled >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.compiled,
+          after.compile_seconds);
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).compiled == after.compiled,
           "a program was compiled again");
     sbl_destroy(context);
 
@@ -429,7 +430,7 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_programs(context);
-    CHECK(before.count > after.count && before.compile_seconds > 0, "ahead: %d programs in %g s", before.count,
+    CHECK(before.compiled > after.compiled && before.compile_seconds > 0, "ahead: %d programs in %g s", before.compiled,
           before.compile_seconds);
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     view.options.backend = SBL_BACKEND_RASTER;
@@ -454,8 +455,8 @@ TEST(programs_compile_when_used_or_ahead) {
         memset(plain.world_to_view, 0, sizeof plain.world_to_view);
         CHECK(sbl_render_picture(context, &plain) == SBL_SUCCESS, "no textured picture");
     }
-    CHECK(sbl_query_programs(context).count == before.count, "%d programs were not compiled ahead",
-          sbl_query_programs(context).count - before.count);
+    CHECK(sbl_query_programs(context).compiled == before.compiled, "%d programs were not compiled ahead",
+          sbl_query_programs(context).compiled - before.compiled);
     sbl_destroy(context);
     scene_free(&textured);
 }
@@ -529,8 +530,8 @@ TEST(each_level_is_sharper) {
             else first[k] = error;
             before[k] = error;
             /* rows of the picture appear one after another */
-            if (k && sbl_query_stats(context).sensors.count != sensors) shown++;
-            if (k) sensors = sbl_query_stats(context).sensors.count;
+            if (k && sbl_query_stats(context).sensors.sites != sensors) shown++;
+            if (k) sensors = sbl_query_stats(context).sensors.sites;
         }
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
@@ -645,8 +646,8 @@ TEST(surfaces_are_shown_before_sensors) {
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && !sbl_channel_texture(context, SBL_CHANNEL_NORMAL))
         result = sbl_step(context, 1e-9);
-    CHECK(result == SBL_UNFINISHED && sbl_query_stats(context).sensors.count == 0, "normals come after %.0f sensors",
-          (double)sbl_query_stats(context).sensors.count);
+    CHECK(result == SBL_UNFINISHED && sbl_query_stats(context).sensors.sites == 0, "normals come after %.0f sensors",
+          (double)sbl_query_stats(context).sensors.sites);
     for (k = 0; k < 5; k++)
         CHECK(sbl_read_channel(context, channels[k], early[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", channels[k]);
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_UNFINISHED, "light without sensors");
@@ -729,11 +730,11 @@ TEST(direct_light_is_shown_first) {
                   (double)late.mean, (double)mean);
         }
         again = sbl_query_stats(context);
-        CHECK(again.sensors.count == stats.sensors.count && again.sensors.rays == stats.sensors.rays &&
+        CHECK(again.sensors.sites == stats.sensors.sites && again.sensors.rays == stats.sensors.rays &&
                   again.store.rays == stats.store.rays && again.sensors.invalid == stats.sensors.invalid &&
                   memcmp(&again.picture, &stats.picture, sizeof stats.picture) == 0,
               "watched from step %d: %.0f sensors and %.0f rays, otherwise %.0f and %.0f", from,
-              (double)again.sensors.count, (double)again.sensors.rays, (double)stats.sensors.count,
+              (double)again.sensors.sites, (double)again.sensors.rays, (double)stats.sensors.sites,
               (double)stats.sensors.rays);
         for (k = 0; k < 5; k++)
             CHECK(sbl_read_channel(context, channels[k], now, 3 * PIXELS) == SBL_SUCCESS &&

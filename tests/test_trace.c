@@ -76,7 +76,7 @@ TEST(agrees_with_raster_on_smooth_light) {
     a = scene_channel(context, &raster, SBL_CHANNEL_RADIANCE);
     REQUIRE(scene_render(context, &s, &ray), "no picture");
     CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE &&
-              sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.count,
+              sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.sites,
           "the statistics do not report SBL_BACKEND_TRACE");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
     error = difference(b, a, 26 * 26);

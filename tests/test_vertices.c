@@ -592,8 +592,8 @@ TEST(points_follow_area) {
         for (i = 0; i < 4; i++) {
             desc.samples = uses[i].samples;
             light = use_scene(&s) ? bake_again(&desc, 6) : NULL;
-            CHECK(light && sbl_query_stats(context).sensors.count == uses[i].sensors[alone], "samples %d: %d points",
-                  uses[i].samples, (int)sbl_query_stats(context).sensors.count);
+            CHECK(light && sbl_query_stats(context).sensors.sites == uses[i].sensors[alone], "samples %d: %d points",
+                  uses[i].samples, (int)sbl_query_stats(context).sensors.sites);
             free(light);
         }
         scene_free(&s);
@@ -613,14 +613,14 @@ TEST(points_follow_area) {
     scene_sun(&s, 0, 1, 0);
     desc.samples = 8;
     light = bake(&s, &desc);
-    CHECK(light && sbl_query_stats(context).sensors.count == 16 + 64 + (24 * 24 * 2 - 1) * 4, "%d points",
-          (int)sbl_query_stats(context).sensors.count);
+    CHECK(light && sbl_query_stats(context).sensors.sites == 16 + 64 + (24 * 24 * 2 - 1) * 4, "%d points",
+          (int)sbl_query_stats(context).sensors.sites);
     free(light);
     scene_free(&s);
     desc.samples = 7;  /* several batches: the light of each point must reach its own vertices */
     worst = grid_under_a_lamp(100, desc);
-    CHECK(sbl_query_stats(context).sensors.count == 7 * 20000 + 2 * 56 && worst < 0.002, "%d points, off by %.3f %%",
-          (int)sbl_query_stats(context).sensors.count, 100 * worst);
+    CHECK(sbl_query_stats(context).sensors.sites == 7 * 20000 + 2 * 56 && worst < 0.002, "%d points, off by %.3f %%",
+          (int)sbl_query_stats(context).sensors.sites, 100 * worst);
 }
 
 /* >>buried vertices */
@@ -718,9 +718,9 @@ TEST(only_backs_are_seen) {
     scene_box(&s, k, -3, -0.1f, -3, 3, 0.5001f, 3);  /* the walls face outwards */
     scene_polygon(&s, scene_lamp(&s, 1, 1, 1), lamp_corners, 4);
     light = bake(&s, &desc);
-    CHECK(sbl_query_stats(context).sensors.count >= 2 * SIDE * SIDE && sbl_query_stats(context).sensors.invalid == 0,
+    CHECK(sbl_query_stats(context).sensors.sites >= 2 * SIDE * SIDE && sbl_query_stats(context).sensors.invalid == 0,
           "%d of %d points are invalid", (int)sbl_query_stats(context).sensors.invalid,
-          (int)sbl_query_stats(context).sensors.count);
+          (int)sbl_query_stats(context).sensors.sites);
     error = light ? grid_error(light, SIDE, 1.5) : 1;
     CHECK(error < 0.01, "a room inside out is off by %.2f %%", 100 * error);
     free(light);

@@ -125,7 +125,7 @@ TEST(negative_threshold_refines_every_difference) {
         view.tile = 16;
         view.threshold = thresholds[i];
         REQUIRE(scene_render(context, &s, &view), "no picture: %s", watch_last(&seen));
-        share[i] = (double)sbl_query_stats(context).sensors.count / sbl_query_stats(context).picture.visible_pixels;
+        share[i] = (double)sbl_query_stats(context).sensors.sites / sbl_query_stats(context).picture.visible_pixels;
         scene_free(&s);
     }
     printf("  sensors at %.1f %% of all pixels, with the target error at %.1f %%, with a high threshold at %.1f %%\n",

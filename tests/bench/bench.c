@@ -449,7 +449,7 @@ static int box_render(sbl_context *context, int hemicube, int size, int side, sb
     view.samples = 1;
     if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason to stderr */
     *stats = sbl_query_stats(context);
-    return stats->sensors.count > 0 || fail("the picture has no sensors");
+    return stats->sensors.sites > 0 || fail("the picture has no sensors");
 }
 
 /* Reads every stride-th surface point of the finished picture, and the mean R that sbl.h measured at these points. */
@@ -522,9 +522,9 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         double texels = (double)s.width * s.height;
         ok = box_render(context, r->hemicube, r->size, side, &stats);
         if (!ok) break;
-        r->sensors = (long long)stats.sensors.count;
-        r->sbl[n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
-        r->total[n] = 1e6 * stats.seconds.total / (double)stats.sensors.count;
+        r->sensors = (long long)stats.sensors.sites;
+        r->sbl[n] = 1e6 * stats.seconds.gather / (double)stats.sensors.sites;
+        r->total[n] = 1e6 * stats.seconds.total / (double)stats.sensors.sites;
         r->plain[n] = 1e6 * plain_gather(&s, &p, plain_light) / p.count;
         r->fill[n] = 1e6 * fill_seconds(8) * texels * r->complexity;
         r->speedup[n] = r->plain[n] / r->sbl[n];
@@ -537,7 +537,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         ok = box_render(context, r->hemicube, r->size, side, &stats);
         profile.on = 0;
         for (run = 0; ok && run < PARTS; run++)
-            r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.count;
+            r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.sites;
     }
     if (ok) r->light_ratio = (light[0] + light[1] + light[2]) / (plain_light[0] + plain_light[1] + plain_light[2]);
     if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain method");
@@ -755,7 +755,7 @@ static int place_render(place *p, sbl_backend backend, int amount, int side, uin
     view.options.seed = seed;
     if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason to stderr */
     *stats = sbl_query_stats(p->context);
-    return (stats->backend == backend && stats->sensors.count > 0) || fail("the picture has no sensors");
+    return (stats->backend == backend && stats->sensors.sites > 0) || fail("the picture has no sensors");
 }
 
 /* Computes the relative RMSE of R in the small picture that was rendered last. */
@@ -861,7 +861,7 @@ static int place_run(place *p) {
     p->bvh_bytes = stats.scene.bvh_bytes;
     for (i = 0; i < RAYS; i++) {
         if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], i < 2 ? p->side : p->side / 2, 0, &stats)) return 0;
-        p->us[i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
+        p->us[i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.sites;
         p->mrays[i][n] = 1e-6 * (double)stats.sensors.rays / stats.seconds.gather;
     }
     if (p->embree) {
@@ -882,7 +882,7 @@ static int place_run(place *p) {
         if (!place_render(p, SBL_BACKEND_RASTER, view_sizes[i], p->small, 0, &stats) ||
             !place_error(p, &p->errors[RAYS + i]))
             return 0;
-        p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
+        p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.sites;
     }
     p->runs++;
     return 1;

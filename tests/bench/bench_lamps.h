@@ -57,7 +57,7 @@ static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double
         return NULL;
     }
     stats = sbl_query_stats(context);
-    *seconds = stats.seconds.gather / (double)stats.sensors.count;
+    *seconds = stats.seconds.gather / (double)stats.sensors.sites;
     return radiance;
 }
 

@@ -643,9 +643,9 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0],
                "a result or log item has no text");
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
-    FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.count >= 0, "defaults");
+    FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.sites >= 0, "defaults");
     FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "sbl_query_desc does not fit the context");
-    FUZZ_CHECK(!c->sbl || programs.count <= 128, "%d programs", programs.count);
+    FUZZ_CHECK(!c->sbl || programs.compiled <= 128, "%d programs", programs.compiled);
 }
 
 static double fuzz_seconds(fuzz_bytes *b) {
