@@ -9284,9 +9284,6 @@ static sbl_result sbl__check_windows(const sbl__base *base, const sbl_windows_de
         if (!d->groups[i]) sbl__mistake(&check, "groups[%d] is NULL", i);
     if ((double)d->texel_count < texels)
         sbl__mistake(&check, "texel_count is %.0f; the map has %.0f texels", (double)d->texel_count, texels);
-    for (i = 0; i < scene->geometry.mesh_count && !scene->geometry.meshes[i].lightmapped; i++) continue;
-    if (i == scene->geometry.mesh_count)
-        sbl__mistake(&check, "no mesh of the scene has lightmap_texcoords; the scene must be that of the windows");
     return sbl__check_end(&check);
 }
 

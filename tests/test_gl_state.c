@@ -781,8 +781,8 @@ static const char *chapter(void) {
     if (!file) return NULL;
     text[fread(text, 1, sizeof text - 1, file)] = 0;
     fclose(file);
-    start = strstr(text, "ON GL STATE");
-    end = start ? strstr(start, "ON DETERMINISM") : NULL;
+    start = strstr(text, "\n   ON GL STATE\n");
+    end = start ? strstr(start, "\n   ON DETERMINISM\n") : NULL;
     if (end) *end = 0;
     return end ? start : "";
 }
