@@ -3053,6 +3053,8 @@ typedef struct sbl__record {
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
+#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror, relative to the scene's
+                                          extent or to the distance of the lamp's image, stands in the mirror itself */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
@@ -3077,7 +3079,7 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
-    X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
     X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
@@ -5478,6 +5480,16 @@ static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; 
 /* Returns 1 if light may pass straight through the object. */
 static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || o->flags & SBL_MATERIAL_BLEND; }
 
+/* Returns the roughness of the lobe in which rays that hit the surface continue, see reflect.glsl; -1: the surface is
+   matte. Textures are ignored. reflectance: receives the reflectance of the lobe along the normal */
+static float sbl__met_roughness(const sbl__object *o, float reflectance[3]) {
+    int k;
+    if (!sbl__is_specular(o)) return -1;
+    for (k = 0; k < 3; k++)
+        reflectance[k] = o->reflectance + (SBL__MIN(o->albedo[k], 1.0f) - o->reflectance) * o->metallic;
+    return SBL__MAX(o->roughness, sbl__max3(reflectance) > SBL__SHINY ? SBL__BLURRED : SBL__BLURRED_GLOSS);
+}
+
 /* Returns the material without its reflections and transmission. */
 static sbl_material sbl__material_matte(const sbl_material *material) {
     sbl_material m = *material;
@@ -7391,22 +7403,16 @@ static int sbl__planes_candidates(void *work) {
 /* Makes the plane of a triangle. Returns 0 if rays that hit the triangle do not follow a narrow lobe. Textures are
    ignored. */
 static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__plane *plane) {
-    const sbl__object *o = sbl__triangle_object(g, number);
     const float *corner = sbl__triangle_corner(g, number, 0);
-    double area, roughness = o->roughness;
-    float most;
+    const float roughness = sbl__met_roughness(sbl__triangle_object(g, number), plane->reflectance);
+    double area;
     int k;
-    if (!sbl__is_specular(o)) return 0;
-    for (k = 0; k < 3; k++)
-        plane->reflectance[k] = o->reflectance + (SBL__MIN(o->albedo[k], 1.0f) - o->reflectance) * o->metallic;
-    most = sbl__max3(plane->reflectance);
-    if (roughness >= (double)SBL__GLOSS_MET) return 0;
-    roughness = SBL__MAX(roughness, (double)(most > SBL__SHINY ? SBL__BLURRED : SBL__BLURRED_GLOSS));
-    plane->alpha = (float)(roughness * roughness);
+    if (roughness < 0 || roughness >= SBL__GLOSS_MET) return 0;
+    plane->alpha = roughness * roughness;
     area = sbl__scene_normal(g, number, plane->normal);
     plane->offset = 0;
     for (k = 0; k < 3; k++) plane->offset += plane->normal[k] * (double)corner[k];
-    plane->own = plane->weight = area * (double)most;
+    plane->own = plane->weight = area * (double)sbl__max3(plane->reflectance);
     sbl__box_of_triangle(&plane->bounds, g, number);
     return plane->weight > 0;
 }
@@ -7446,24 +7452,27 @@ static sbl_result sbl__planes_add(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Returns the index of the first node after the subtree of node `at`. */
+static int sbl__lamps_beyond(const sbl__lamps *l, int at) { return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE); }
+
 /* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
    power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
 static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
     int count = 0, i, best = 0;
-    for (i = 0; i < l->node_count; i = (int)(l->nodes[i].beyond & ~SBL__FAR_NODE)) nodes[count++] = i;
+    for (i = 0; i < l->node_count; i = sbl__lamps_beyond(l, i)) nodes[count++] = i;
     while (count < SBL__MIRRORED_CLUSTERS && best >= 0) {
         float most = 0;
         best = -1;
         for (i = 0; i < count; i++) {
             const sbl__lamp_node *n = &l->nodes[nodes[i]];
-            const int is_leaf = (int)(n->beyond & ~SBL__FAR_NODE) == nodes[i] + 1;
+            const int is_leaf = sbl__lamps_beyond(l, nodes[i]) == nodes[i] + 1;
             if (is_leaf || n[1].radius > SBL__MIRRORED_SHRINKS * n->radius || n->power * n->radius <= most) continue;
             most = n->power * n->radius;
             best = i;
         }
         if (best < 0) break;
         nodes[best]++;
-        nodes[count++] = (int)(l->nodes[nodes[best]].beyond & ~SBL__FAR_NODE);
+        nodes[count++] = sbl__lamps_beyond(l, nodes[best]);
     }
     return count;
 }
@@ -7490,14 +7499,15 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
     out->radius = n->radius;
     out->power = n->power;
     out->distant = (uint32_t)distant;
-    return fabs(height) < 1e-4 * extent ? 0 : plane->own * (double)n->power / (distant ? 1 : height * height);
+    if (fabs(height) < (double)SBL__MIRRORED_HEIGHT * extent) return 0;
+    return plane->own * (double)n->power / (distant ? 1 : height * height);
 }
 
 /* Mirrors all clusters at all planes, and keeps those that reflect most light. */
 static int sbl__lamps_mirror(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__lights *lights = l->lights;
-    int nodes[SBL__MIRRORED_CLUSTERS + 2], count = sbl__mirrored_clusters(l, nodes), i, j;
+    int nodes[SBL__MIRRORED_CLUSTERS], count = sbl__mirrored_clusters(l, nodes), i, j;
     double light[SBL__MIRRORED_MOST];
     lights->mirrored_count = 0;
     for (i = 0; i < l->plane_count * count; i++) {
@@ -10752,7 +10762,7 @@ typedef struct sbl__site {
     int first, looks;           /* the job takes `looks` looks, beginning with the look of index `first` */
     float view[3];              /* unit vector to the viewer. This and the next fields are only used if the spec is
                                    `lobe` */
-    float reflectance[3], roughness;  /* of the specular lobe, see lobe.glsl */
+    float reflectance[3], roughness;  /* reflectance along the normal and roughness of the lobe, see lobe.glsl */
 } sbl__site;
 
 /* Layers of light that a sensor measures. Layer 0 is R. If the spec is directional, layers 1 to 4 are the radiance over
@@ -13114,12 +13124,17 @@ static const char *const sbl__glsl_guide[] = {
 "    return at;\n",
 "}\n",
 "\n",
+"// Returns the first texel of a guide.\n",
+"ivec2 sbl_guide_texel(int guide) {\n",
+"    return ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
+"}\n",
+"\n",
 "// Maps a uniform point u in the unit square to a point distributed by the guide. Returns the weight of its ray,\n",
 "// the inverse of the point's pdf, which keeps the expected value of the ray's light.\n",
 "float sbl_guide(int guide, inout vec2 u) {\n",
 "    const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
 "    const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);\n",
-"    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
+"    ivec2 from = sbl_guide_texel(guide);\n",
 "    vec2 x = u * SBL_GUIDE_STEPS;\n",
 "    vec3 band = sbl_guide_interval(from, band_texels, x.x);\n",
 "    from.x += band_texels + int(band.z) * sector_texels;\n",
@@ -13133,10 +13148,10 @@ static const char *const sbl__glsl_guide[] = {
 "float sbl_guide_density(int guide, vec2 u) {\n",
 "    const ivec2 counts = ivec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);\n",
 "    ivec2 bin = min(ivec2(u * vec2(counts)), counts - 1);\n",
-"    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
+"    ivec2 from = sbl_guide_texel(guide);\n",
 "    float density = 1.0;\n",
 "    for (int axis = 0; axis < 2; axis++) {\n",
-"        float begins[2];  // of the bin's interval and of the next one\n",
+"        float begins[2];  // where the interval of the bin and the next interval begin\n",
 "        for (int k = 0; k < 2; k++) {\n",
 "            int i = min(bin[axis] + k, counts[axis] - 1);\n",
 "            uint two = texelFetch(sbl_guides, from + ivec2(i / 8, 0), 0)[i % 8 / 2];\n",
@@ -13210,7 +13225,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    int number;             // index of the lamp's triangle in the scene, or -1\n",
 "    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
 "    int layer;              // layer of that light, see SBL_GROUPS\n",
-"    vec3 direction, throughput;  // of the next segment: direction, and factor of the throughput\n",
+"    vec3 direction;         // direction of the next segment\n",
+"    vec3 throughput;        // factor by which the next segment changes the throughput of the path\n",
 "    float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided\n",
 "                            // by SBL_LAMP_TRIES, because MIS weighs one direction against that many lamp points\n",
 "};\n",
@@ -13619,7 +13635,6 @@ static const char *const sbl__glsl_mirrored[] = {
 "const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps; less for small mirrors\n",
 "                                          // and for wide highlights, which other rays find, too\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
-"const float SBL_MIRRORED_HEIGHT = 1e-4;   // a sensor at a smaller height / distance stands in the mirror itself\n",
 "const float SBL_MIRRORED_NARROW = 0.02;   // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
 "vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
@@ -21911,7 +21926,7 @@ static int sbl__joining_layers(const sbl__joining *j) {
     return j->desc.lightmap.directional ? SBL__LAYERS : 1 + sbl__joining_groups(j);
 }
 
-/* Returns the host's array of a layer. */
+/* Returns the array of sbl_windows_desc that holds a layer of the map: R, a harmonic, or a light group. */
 static float *sbl__joining_light(const sbl__joining *j, int layer) {
     return layer && sbl__joining_groups(j) ? j->desc.groups[layer - 1] : j->desc.light[layer];
 }

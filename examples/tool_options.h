@@ -64,8 +64,8 @@ static int tool__indent(const char *line) {
     return gap && gap < line + strcspn(line, "\n") ? (int)(gap - line) + (int)strspn(gap, " ") : begin;
 }
 
-/* Prints a text from a column on, in lines of at most TOOL_COLUMNS columns. Each line break in the text begins a line;
-   longer lines are wrapped at spaces. at: the column that the output has reached */
+/* Prints a text whose lines begin at `column` and have at most TOOL_COLUMNS columns. The line breaks of the text are
+   kept, and longer lines are wrapped at spaces. at: the column that the output has reached */
 static void tool__print_text(const char *text, int column, int at) {
     while (*text) {
         const int indent = column + tool__indent(text);
@@ -82,7 +82,8 @@ static void tool__print_text(const char *text, int column, int at) {
             text += gap + word;
         }
         text += *text == '\n';
-        at = 0 * printf("\n");
+        printf("\n");
+        at = 0;
     }
 }
 
@@ -94,7 +95,10 @@ static void tool__print_option(const tool_option *o, const char *help, int synon
     const char *gap = o->argument ? " " : "", *argument = o->argument ? o->argument : "";
     int width = printf("  %s%s%s", o->name, gap, argument);
     if (synonym && o->synonym) width += printf(", %s%s%s", o->synonym, gap, argument);
-    if (width > TOOL_COLUMN - 2) width = 0 * printf("\n");
+    if (width > TOOL_COLUMN - 2) {
+        printf("\n");
+        width = 0;
+    }
     tool__print_text(help, TOOL_COLUMN, width);
 }
 

@@ -21,12 +21,17 @@ vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
     return at;
 }
 
+// Returns the first texel of a guide.
+ivec2 sbl_guide_texel(int guide) {
+    return ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
+}
+
 // Maps a uniform point u in the unit square to a point distributed by the guide. Returns the weight of its ray,
 // the inverse of the point's pdf, which keeps the expected value of the ray's light.
 float sbl_guide(int guide, inout vec2 u) {
     const int band_texels = SBL_GUIDE_BANDS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
     const vec2 counts = vec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);
-    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
+    ivec2 from = sbl_guide_texel(guide);
     vec2 x = u * SBL_GUIDE_STEPS;
     vec3 band = sbl_guide_interval(from, band_texels, x.x);
     from.x += band_texels + int(band.z) * sector_texels;
@@ -40,10 +45,10 @@ float sbl_guide(int guide, inout vec2 u) {
 float sbl_guide_density(int guide, vec2 u) {
     const ivec2 counts = ivec2(SBL_GUIDE_BANDS, SBL_GUIDE_SECTORS);
     ivec2 bin = min(ivec2(u * vec2(counts)), counts - 1);
-    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
+    ivec2 from = sbl_guide_texel(guide);
     float density = 1.0;
     for (int axis = 0; axis < 2; axis++) {
-        float begins[2];  // of the bin's interval and of the next one
+        float begins[2];  // where the interval of the bin and the next interval begin
         for (int k = 0; k < 2; k++) {
             int i = min(bin[axis] + k, counts[axis] - 1);
             uint two = texelFetch(sbl_guides, from + ivec2(i / 8, 0), 0)[i % 8 / 2];

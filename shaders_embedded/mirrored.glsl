@@ -10,7 +10,6 @@ const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored la
 const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps; less for small mirrors
                                           // and for wide highlights, which other rays find, too
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
-const float SBL_MIRRORED_HEIGHT = 1e-4;   // a sensor at a smaller height / distance stands in the mirror itself
 const float SBL_MIRRORED_NARROW = 0.02;   // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
 vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width

@@ -54,7 +54,8 @@ struct sbl_Reflection {
     int number;             // index of the lamp's triangle in the scene, or -1
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
-    vec3 direction, throughput;  // of the next segment: direction, and factor of the throughput
+    vec3 direction;         // direction of the next segment
+    vec3 throughput;        // factor by which the next segment changes the throughput of the path
     float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided
                             // by SBL_LAMP_TRIES, because MIS weighs one direction against that many lamp points
 };
