@@ -807,7 +807,8 @@
                   picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
                   then has about the target error. Single windows may have more or less, just as regions of a picture
                   that is made at once do. Without a price, every window reaches the target error by itself, which
-                  takes up to twice as long in total
+                  takes up to twice as long in total. In scenes with reflections, do the same with mean_final and
+                  specular_price of the small picture, because errors there are shares of the mean of FINAL
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
                   as those of the small picture, whose price and WORK no longer hold for it
@@ -818,7 +819,8 @@
 
    SBL_CHANNEL_WORK of the small picture tells how to divide the whole into windows that take about equally long. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
-   hierarchy of triangles, which is the same on all machines with the same driver. In lightmaps, it counts only looks.
+   hierarchy of triangles, which is the same on all machines with the same driver. Looks at lobes count, too. In
+   lightmaps, it counts only looks.
 
    A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
    supersample supplies the mean, the rays and the price; as pixels of the whole, the factor of the price counts the
@@ -1355,6 +1357,11 @@ typedef struct sbl_picture_desc {
                                   of squared errors over all pixels, with errors as shares of the mean R. If set, the
                                   work ends when no look is worth it, and target_error does not end it. Set it for
                                   windows, see ON PARTS. Default: 0, target_error decides */
+    float mean_final[3];       /* in scenes with reflections: the mean of FINAL without emission (red, green, blue) to
+                                  which errors are relative; set it for windows, see ON PARTS. Default: all 0, the mean
+                                  over the visible pixels */
+    float specular_price;      /* price of a look at a lobe, with errors as shares of the mean of FINAL. Default: 0,
+                                  target_error decides */
     int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
                                   minus sign, rays are guided to bright places. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
@@ -1477,6 +1484,9 @@ typedef struct sbl_stats {
                                      without emission; 0 if no surface in view has reflections */
         float stored_error;       /* the part of radiance_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
+        float specular_price;     /* the same as price, for looks at lobes */
+        float mean_final[3];      /* the mean of FINAL without emission (red, green, blue) to which errors are relative
+                                     in scenes with reflections; 0 before reflections are measured, and without them */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size, pixels; number of sensors added */
     } picture;
@@ -9149,6 +9159,8 @@ static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) 
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
     sbl__check_range(check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
     sbl__check_range(check, "price", &d->price, 1, sbl__not_negative_range);
+    sbl__check_range(check, "mean_final", d->mean_final, 3, sbl__not_negative_range);
+    sbl__check_range(check, "specular_price", &d->specular_price, 1, sbl__not_negative_range);
     if (rays && rays != 16 && rays != 32 && rays != 64 && rays != 128)
         sbl__mistake(check, "look_rays is %d; it must be 0, or 16, 32, 64 or 128 with or without a minus sign",
                      d->look_rays);
@@ -17416,7 +17428,7 @@ typedef struct sbl__tile {
                                  if the error of no pixel counts. The tiles of a window's margin are refined as in
                                  the adjacent window */
     int counted;              /* number of those `pixels` whose errors count (sbl__window_counts) */
-    float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
+    float weight2;            /* mean over all `pixels` of the squared albedo with which FINAL shows the light; 1 if
                                  errors of R are predicted */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* estimate of bias2 from light on the edges, before noise is subtracted */
@@ -17425,7 +17437,7 @@ typedef struct sbl__tile {
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
                                  left, which has a sensor; if must_split or a threshold decides, only foreseen_bias2.
                                  noise2: mean relative squared error from noise, over all pixels. Both contain the
-                                 factor weight2 */
+                                 factor weight2 / sbl__refine.shown2 */
     float light, variance;    /* mean luminance of usable corners; relative variance of one look, see sbl__tile_noise */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors; 0: not possible */
@@ -17458,8 +17470,11 @@ typedef struct sbl__refine {
                                  refined */
     float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
                                  errors of FINAL. NULL: predicted errors are errors of R */
-    double shown, shown_pixels;  /* sum over pixels of the luminance of the albedo of surface and lobe; number of these
-                                    pixels */
+    double diffuse, specular, shown_pixels;  /* sums over pixels of the luminance of the albedos of surface and lobe;
+                                                number of these pixels */
+    double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
+    float shown2;             /* see sbl__weigh_shown2 */
+    float mean_final;         /* luminance of sbl_picture_desc.mean_final */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
     size_t harmonics;         /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS), pixel after pixel; layer 0 is
@@ -17483,7 +17498,8 @@ typedef struct sbl__refine {
     int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
-    float mean[3], luminance; /* mean of R over the picture, and its luminance */
+    float mean[3], luminance; /* mean over the picture, and its luminance: of R or, in a refinement of lobes, of FINAL
+                                 without emission */
     int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors), or of the light that
                                       lobes add to FINAL; their number */
@@ -17499,8 +17515,6 @@ typedef struct sbl__refine {
                                  of R or, if `shares` is set, of FINAL. In a refinement of lobes, sum over pixels of
                                  sbl__pixel_lobe.rest squared */
     double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
-    float mean_scale;         /* in a refinement of lobes: `mean` divided by the mean of the pixels. It differs from 1
-                                 if the host has set the mean */
     double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
@@ -18032,14 +18046,6 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
         if (guess.own > 0 && sbl__differ(r, guess.light, sbl__pixel_light(r, p, 0),
                                          guess.variance + sbl__variance(r, p))) return 1;
     return 0;
-}
-
-/* Returns the square of the picture's mean albedo. (Relative error of light) * (albedo with which a pixel shows it) /
-   (mean albedo) is the relative error of FINAL. Returns 1 if r->shares is NULL: errors are then those of R or, in a
-   refinement of lobes, already relative to the mean of FINAL. */
-static float sbl__shown2(const sbl__refine *r) {
-    const double mean = r->shares ? r->shown / SBL__MAX(r->shown_pixels, 1.0) : 1;
-    return (float)SBL__MAX(mean * mean, 1e-12);
 }
 
 /* Returns the absolute squared difference between R at a pixel and R interpolated from a tile's corners, in luminance;
@@ -18735,24 +18741,40 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 /* Returns the number of pixels over which the picture's error is averaged. */
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. With
-   lobes, they are relative to the mean that the caller has set, later to the mean of the last weighing that saw a
-   sensor: the sensors of the first level may all miss a small surface. */
+/* Returns the square of (mean of FINAL without emission) / (mean R). (Relative error of R) * (albedo with which a pixel
+   shows it) / (this ratio) is the relative error of FINAL. The mean is the one that the host has set, or an estimate,
+   with R in place of the light in lobes: that of the last weighing or, before it, (mean albedo) * (mean R). Returns 1
+   if r->shares is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of FINAL.
+   Must be called before r->sum is set to 0. */
+static float sbl__weigh_shown2(const sbl__refine *r) {
+    const double pixels = SBL__MAX(r->shown_pixels, 1.0);
+    double mean = (r->diffuse + r->specular) / pixels, light = 0;
+    int k;
+    if (!r->shares) return 1;
+    for (k = 0; k < 3; k++) light += (double)sbl__luminance_weights[k] * r->sum[k];
+    if (r->weighed && light > 0) mean = r->shown_sum / light + r->specular / pixels;
+    if (r->mean_final > 0) mean = (double)r->mean_final / r->luminance;
+    return (float)SBL__MAX(mean * mean, 1e-12);
+}
+
+/* Prepares for weighing all tiles. Errors are relative to the mean that the host has set. Otherwise they are relative to
+   the mean R of round 0's sensors or of the last weighing. With lobes, they are relative to the mean that the caller has
+   set, later to the mean of the last weighing that saw a sensor: the sensors of the first level may all miss a small
+   surface. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
-    for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
-        r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
-    for (k = 0; k < 3 && r->lobes && r->weighed && r->pixels_summed > 0; k++)
-        r->mean[k] = r->mean_scale * (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
+    for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given && (!r->lobes || r->weighed); k++)
+        r->mean[k] = (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
                                     (double)SBL__MAX(r->mean[k], 0.01f * r->luminance));
+    r->shown2 = sbl__weigh_shown2(r);
     memset(r->sum, 0, sizeof r->sum);
     memset(r->gains, 0, sizeof r->gains);
     memset(r->costs, 0, sizeof r->costs);
-    r->pixels_summed = r->bias2 = r->noise2 = r->look_variance = 0;
+    r->pixels_summed = r->shown_sum = r->bias2 = r->noise2 = r->look_variance = 0;
     r->bought = 0;
 }
 
@@ -18801,8 +18823,9 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     for (k = 0; k < 3; k++)
         r->sum[k] += (double)light[k] * c->counted / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
     r->pixels_summed += c->counted;
-    r->look_variance += (double)c->variance * (double)c->weight2 * c->counted;
+    r->look_variance += (double)c->variance * (double)(c->weight2 / r->shown2) * c->counted;
     c->light = sbl__luminance(light) / (float)count;
+    r->shown_sum += (double)c->light * sqrt((double)c->weight2) * c->counted;
 }
 
 /* Updates c->raw_bias2 or, if c->must_split or a threshold decides, c->split_worth (FLT_MAX: split; 0: do not). */
@@ -18820,6 +18843,7 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__tile *c = &r->tiles[at];
+    const float weight2 = c->weight2 / r->shown2;
     float bias2, gain, variance, weight, least;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
     if (c->split) return SBL_SUCCESS;
@@ -18827,12 +18851,12 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__tile_noise(r, c);
     interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
-    c->noise2 *= c->weight2;
+    c->noise2 *= weight2;
     least = SBL__MAX(c->unseen_bias2, c->foreseen_bias2);
-    c->bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
+    c->bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
     r->bias2 += (double)c->bias2 * SBL__MAX(c->counted - 1, 0);
     r->noise2 += (double)c->noise2 * c->counted;
-    bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
+    bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
     weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
     if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
         const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
@@ -18885,7 +18909,7 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = sbl__weigh_pixels(r), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
-                                                   (double)sbl__shown2(r));
+                                                   (double)r->shown2);
     const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
@@ -18920,7 +18944,7 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels * sbl__shown2(r);
+        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels;
         if (c->pixels) c->foreseen_bias2 = sbl__relative2(r, (double)c->foreseen_bias2 / c->pixels);
         if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
@@ -19043,6 +19067,7 @@ static int sbl__refine_after_weigh(void *work) {
     r->core->stats.picture.expected_error = (float)r->predicted;
     if (r->lobes) {
         r->core->stats.picture.specular_error = (float)r->own;
+        r->core->stats.picture.specular_price = r->price_paid;
         return SBL__REFINE_SPEND;
     }
     r->core->stats.picture.radiance_error = (float)r->predicted;
@@ -19109,6 +19134,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->core = c;
     memcpy(r->mean, desc->mean_radiance, sizeof r->mean);
     r->mean_is_given = !sbl__all_zero(desc->mean_radiance, 3);
+    r->mean_final = sbl__luminance(desc->mean_final);
+    r->shown2 = 1;
     r->price = desc->price;
     r->look_rays = desc->look_rays;
     r->counts_steps = desc->measure_work;
@@ -19211,7 +19238,8 @@ static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *al
     if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
     r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
     if (!albedo) return SBL_SUCCESS;
-    r->shown += (double)(sbl__luminance(albedo) + sbl__luminance(specular));
+    r->diffuse += (double)sbl__luminance(albedo);
+    r->specular += (double)sbl__luminance(specular);
     r->shown_pixels++;
     return SBL_SUCCESS;
 }
@@ -19299,7 +19327,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
-    const float weight2 = r->shares ? SBL__MAX(c->weight2, 1e-6f) : 1;
+    const float weight2 = r->shares ? SBL__MAX(c->weight2 / r->shown2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
@@ -20335,6 +20363,8 @@ typedef struct sbl__map {
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
     float *errors;              /* per working pixel: predicted standard error of the luminance of FINAL; NULL: the
                                    picture has no reflections, or they are not measured yet */
+    float *lobe_work;           /* per working pixel: sbl__sensor.work of looks at lobes, as a number of looks at R;
+                                   NULL: not measured */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
@@ -20392,6 +20422,7 @@ static void sbl__map_free(sbl__map *m) {
     sbl__fill_free(d->base, &m->fill);
     sbl__free(d->base, m->shown);
     sbl__free(d->base, m->errors);
+    sbl__free(d->base, m->lobe_work);
 }
 
 /* The last part of a front end's check: sets *measurement. Logs an error and returns SBL_ERROR_UNSUPPORTED if the
@@ -20876,7 +20907,8 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
         depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
     else if (channel == SBL_CHANNEL_LOOKS) out[0] = sensor->level ? (float)sensor->looks : 0;
-    else if (channel == SBL_CHANNEL_WORK) out[0] = sensor->level ? sensor->work : 0;
+    else if (channel == SBL_CHANNEL_WORK)
+        out[0] = (sensor->level ? sensor->work : 0) + (m->lobe_work ? m->lobe_work[i] : 0);
     else if (channel == SBL_CHANNEL_RADIANCE_ERROR) out[0] = pixel->error;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
@@ -20987,10 +21019,11 @@ typedef struct sbl__reflections {
     sbl__measurement measurement;
     sbl__spec spec;
     sbl__refine refine;
-    double sum[3], light[3];    /* sums over pixels: of reflected light, with R in place of the light in lobes; of R */
-    double pixels;              /* number of pixels in these sums */
+    double sum[3];              /* sum over pixels of reflected light, with R in place of the light in lobes */
+    double pixels;              /* number of pixels in this sum */
     int found;                  /* 1: a pixel has a lobe */
     float *errors;              /* per working pixel: memory that becomes sbl__map.errors */
+    float *work;                /* the same for sbl__map.lobe_work */
 } sbl__reflections;
 
 static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d) {
@@ -20998,14 +21031,15 @@ static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d
 }
 
 /* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, a sample's albedo of
-   lobes, and the errors of FINAL. */
+   lobes, the errors of FINAL, and the work. */
 static double sbl__reflections_bytes(void) {
     return (double)(sizeof(sbl__pixel) + sizeof(sbl__pixel_lobe)) + SBL__MAP_TILES * (double)sizeof(sbl__tile) +
-           SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8 + 4;
+           SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8 + 2 * 4;
 }
 
 /* Begins the refinement. Its errors are relative to the mean of FINAL without emission. */
 static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
+    const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
     f->measurement.options.backend = SBL_BACKEND_TRACE;
@@ -21015,17 +21049,18 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     f->measurement.every_ray = 1;
     f->measurement.options.ray_length = 0;  /* the host's limit is only for rays over the hemisphere */
     f->spec.lobe = 1;
-    desc.price = 0;
+    desc.price = desc.specular_price;
     desc.look_rays = 0;
     desc.threshold = 0;
-    memset(desc.mean_radiance, 0, sizeof desc.mean_radiance);
+    memcpy(desc.mean_radiance, desc.mean_final, sizeof desc.mean_radiance);
     sbl__refine_begin(&f->refine, m->work.core, &f->measurement, &f->spec, &desc,
                       sbl__filter_pixels(desc.filter_radius));
     sbl__refine_use_window(&f->refine, &m->window);
     sbl__refine_update_spec(&f->refine);
-    f->errors = (float *)sbl__alloc_raw(&m->work.core->base, (size_t)desc.width * (size_t)desc.height,
-                                        sizeof *f->errors);
-    return f->errors ? sbl__refine_make(&f->refine) : SBL_ERROR_OUT_OF_MEMORY;
+    f->errors = (float *)sbl__alloc_raw(&m->work.core->base, pixels, sizeof *f->errors);
+    if (desc.measure_work) f->work = (float *)sbl__alloc_raw(&m->work.core->base, pixels, sizeof *f->work);
+    if (!f->errors || (desc.measure_work && !f->work)) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__refine_make(&f->refine);
 }
 
 /* Unpacks the output of gbuffer_fragment.glsl: x: red and green of the reflectance, y: blue and the roughness, as
@@ -21112,7 +21147,6 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
         for (k = 0; k < 3; k++) {
             const double light = (double)from[SBL__READ_RADIANCE][k];
             f->sum[k] += (double)(from[SBL__READ_SPECULAR][k] + from[SBL__READ_ALBEDO][k]) * light;
-            f->light[k] += light;
         }
         f->pixels++;
     }
@@ -21121,31 +21155,34 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission, at first with R in place of the light in lobes. If the host has set the mean
-   of R, because the picture is a window, multiplies the window's mean by (given mean of R) / (window's mean of R). */
-static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
+/* Sets the mean of FINAL without emission, unless the host has set it, at first with R in place of the light in
+   lobes. */
+static void sbl__reflections_set_mean(sbl__reflections *f) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
-    const float given = sbl__luminance(m->desc.mean_radiance);
-    double own = 0;
     int k;
-    for (k = 0; k < 3; k++) own += (double)sbl__luminance_weights[k] * f->light[k] / pixels;
-    f->refine.mean_scale = given > 0 && own > 0 ? (float)((double)given / own) : 1.0f;
-    for (k = 0; k < 3; k++) f->refine.mean[k] = f->refine.mean_scale * (float)(f->sum[k] / pixels);
-    f->refine.mean_is_given = 1;
+    for (k = 0; k < 3 && !f->refine.mean_is_given; k++) f->refine.mean[k] = (float)(f->sum[k] / pixels);
 }
 
-/* Gives the errors of FINAL to the map and frees the refinement. Corrects sbl_stats.picture.radiance_error, which was
-   relative to an estimate of the mean of FINAL. */
+/* Gives the errors of FINAL, and the work, to the map, and frees the refinement. Corrects the radiance_error and price
+   of sbl_stats.picture, which were relative to an estimate of the mean of FINAL. */
 static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
-    const double estimate = (double)m->refine.luminance * sqrt((double)sbl__shown2(&m->refine));
+    const double estimate = (double)m->refine.luminance * sqrt((double)m->refine.shown2);
+    const double scale = f->refine.luminance > 0 ? estimate / (double)f->refine.luminance : 1;
+    const float rays = (float)f->measurement.look_rays / (float)m->work.measurement.look_rays;
+    sbl_stats *stats = &m->work.core->stats;
     size_t i;
-    if (f->refine.luminance > 0)
-        m->work.core->stats.picture.radiance_error =
-            (float)(m->refine.predicted * estimate / f->refine.luminance);
-    for (i = 0; i < pixels; i++) f->errors[i] = sbl__refine_pixel(&f->refine, i)->error;
+    stats->picture.radiance_error = (float)(m->refine.predicted * scale);
+    stats->picture.price = (float)((double)stats->picture.price * scale * scale);
+    memcpy(stats->picture.mean_final, f->refine.mean, sizeof f->refine.mean);
+    for (i = 0; i < pixels; i++) {
+        const sbl__pixel *pixel = sbl__refine_pixel(&f->refine, i);
+        f->errors[i] = pixel->error;
+        if (f->work) f->work[i] = rays * sbl__sensor_of(&f->refine, pixel)->work;
+    }
     m->errors = f->errors;
-    f->errors = NULL;
+    m->lobe_work = f->work;
+    f->errors = f->work = NULL;
     sbl__refine_free(&m->work.core->device, &f->refine);
     m->reflected = 1;
 }
@@ -21226,6 +21263,7 @@ static void sbl__picture_free(void *work) {
     sbl__gbuffer_free(d, &p->sample);
     sbl__refine_free(d, &p->reflections.refine);
     sbl__free(d->base, p->reflections.errors);
+    sbl__free(d->base, p->reflections.work);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
 }
@@ -21451,7 +21489,7 @@ static int sbl__picture_after_lobes(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__reflections *f = &p->reflections;
     if (!p->map.has_lobes) return SBL__PICTURE_FINISH;
-    sbl__reflections_set_mean(f, &p->map);
+    sbl__reflections_set_mean(f);
     if (f->found) return SBL__PICTURE_REFLECT;
     sbl__reflections_skip(f, &p->map);
     return SBL__PICTURE_FINISH;

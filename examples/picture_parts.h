@@ -19,8 +19,9 @@ enum {
     FACT_OPTIONS,   /* the options that change the picture, as the user gave them */
     FACT_CHANNEL,
     FACT_SIZE,      /* size of the full picture */
-    FACT_MEAN,      /* mean R of the full picture, which errors are relative to */
-    FACT_PRICE,     /* least benefit of a look, and its number of rays: price and look_rays of sbl_picture_desc */
+    FACT_MEAN,      /* means of the full picture, which errors are relative to: mean_radiance and mean_final of
+                       sbl_picture_desc */
+    FACT_PRICE,     /* price, specular_price and look_rays of sbl_picture_desc */
     FACT_EXPOSURE,  /* in stops; 0 if the channel has no exposure */
     FACT_RENDERER,  /* GL_RENDERER */
     FACT_PART,      /* such as "3/16", or empty */

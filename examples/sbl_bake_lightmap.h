@@ -603,7 +603,12 @@ static int look_at_map(void *user, plan_cost *cost) {
 
 static void use_map_facts(void *user) {
     map_bake *b = (map_bake *)user;
-    plan_use(&b->windows.work, b->desc.mean_radiance, &b->desc.price, &b->desc.look_rays);
+    sbl_picture_desc picture;
+    memset(&picture, 0, sizeof picture);
+    plan_use(&b->windows.work, &picture);
+    memcpy(b->desc.mean_radiance, picture.mean_radiance, sizeof picture.mean_radiance);
+    b->desc.price = picture.price;
+    b->desc.look_rays = picture.look_rays;
 }
 
 static double map_window_bytes(const void *user, const int window[4]) {

@@ -606,7 +606,7 @@ static void find_facts(shot *s) {
 static void use_facts(void *user) {
     shot *s = (shot *)user;
     double exposure = 0;
-    plan_use(&s->windows.work, s->desc.mean_radiance, &s->desc.price, &s->desc.look_rays);
+    plan_use(&s->windows.work, &s->desc);
     sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
     s->desc.exposure = (float)exposure;
     s->desc.auto_exposure = 0;

@@ -202,36 +202,42 @@ static double plan_small(double across) {
 
 #define PRICE_GROWTH 0.4  /* the price grows with this power of the number of pixels; see ON PARTS in sbl.h */
 
-/* Sets the facts of the mean, and of the price with the rays per look. stats: of the small version. shrink: its
+/* Sets the facts of the means, and of the prices with the rays per look. stats: of the small version. shrink: its
    reduction factor */
 static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) {
-    const float *mean = stats->picture.mean_radiance;
-    plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2]);
-    plan_fact(p, FACT_PRICE, "%.9g %d", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH),
-              stats->picture.look_rays);
+    const float *mean = stats->picture.mean_radiance, *final = stats->picture.mean_final;
+    const double growth = pow(shrink, 2 * PRICE_GROWTH);
+    plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g %.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2],
+              (double)final[0], (double)final[1], (double)final[2]);
+    plan_fact(p, FACT_PRICE, "%.9g %.9g %d", (double)stats->picture.price * growth,
+              (double)stats->picture.specular_price * growth, stats->picture.look_rays);
 }
 
 /* Returns 1 if the text of a fact has the form that plan_mean_and_price or `look` writes. */
 static int plan__is_valid(int fact, const char *text) {
-    const int count = fact == FACT_MEAN ? 3 : 1;
-    double numbers[3];
+    const int count = fact == FACT_MEAN ? 6 : fact == FACT_PRICE ? 2 : 1;
+    double numbers[6];
     int k, rays, end = 0, ok;
-    if (fact == FACT_PRICE) ok = sscanf(text, "%lf %d%n", &numbers[0], &rays, &end) == 2;
-    else ok = count == 3 ? sscanf(text, "%lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &end) == 3
-                         : sscanf(text, "%lf%n", &numbers[0], &end) == 1;
+    if (fact == FACT_PRICE) ok = sscanf(text, "%lf %lf %d%n", &numbers[0], &numbers[1], &rays, &end) == 3;
+    else if (fact == FACT_EXPOSURE) ok = sscanf(text, "%lf%n", &numbers[0], &end) == 1;
+    else ok = sscanf(text, "%lf %lf %lf %lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &numbers[3], &numbers[4],
+                     &numbers[5], &end) == 6;
     for (k = 0; k < count && ok; k++)
         ok = fabs(numbers[k]) <= FLT_MAX && (fact == FACT_EXPOSURE || numbers[k] >= 0);
     return ok && !text[end];
 }
 
-/* Gets mean, price and rays per look from the facts. */
-static void plan_use(const plan *p, float mean[3], float *price, int *rays) {
-    double numbers[4] = { 0, 0, 0, 0 };
+/* Gets means, prices and rays per look from the facts. Sets only these fields of the descriptor. */
+static void plan_use(const plan *p, sbl_picture_desc *d) {
+    double numbers[8] = { 0, 0, 0, 0, 0, 0, 0, 0 };
     int k;
-    sscanf(p->facts[FACT_MEAN].text, "%lf %lf %lf", &numbers[0], &numbers[1], &numbers[2]);
-    sscanf(p->facts[FACT_PRICE].text, "%lf %d", &numbers[3], rays);
-    for (k = 0; k < 3; k++) mean[k] = (float)numbers[k];
-    *price = (float)numbers[3];
+    sscanf(p->facts[FACT_MEAN].text, "%lf %lf %lf %lf %lf %lf", &numbers[0], &numbers[1], &numbers[2], &numbers[3],
+           &numbers[4], &numbers[5]);
+    sscanf(p->facts[FACT_PRICE].text, "%lf %lf %d", &numbers[6], &numbers[7], &d->look_rays);
+    for (k = 0; k < 3; k++) d->mean_radiance[k] = (float)numbers[k];
+    for (k = 0; k < 3; k++) d->mean_final[k] = (float)numbers[3 + k];
+    d->price = (float)numbers[6];
+    d->specular_price = (float)numbers[7];
 }
 
 /* ---- the file of a plan ---- */

@@ -1886,7 +1886,7 @@ TEST(windows_show_the_same) {
         }
         CHECK(fabs(sums[1] / sums[0] - 1) < 0.01, "plain %d: %.4f times as bright", plain, sums[1] / sums[0]);
         error = (double)sbl_query_stats(context).picture.specular_error;
-        for (k = 0; k < 3; k++) part.mean_radiance[k] = 50;  /* a window in a dark part of a bright picture */
+        for (k = 0; k < 3; k++) part.mean_final[k] = 50;  /* a window in a dark part of a bright picture */
         if (!scene_render(context, &s, &part)) return;
         given = (double)sbl_query_stats(context).picture.specular_error;
         printf("    predicted error %.5f, of a bright picture %.5f\n", error, given);
@@ -1896,11 +1896,131 @@ TEST(windows_show_the_same) {
         forget(&q);
     }
     view = glossy_view(SBL_MODE_DIRECT);
-    view.price = 1e30f;  /* looks at lobes have no price: they go on to the target */
+    view.price = 1e30f;  /* looks at lobes have a price of their own: without it, they go on to the target */
     if (!scene_render(context, &s, &view)) return;
     printf("    with a price, predicted error %.5f\n", (double)sbl_query_stats(context).picture.specular_error);
     CHECK((double)sbl_query_stats(context).picture.specular_error < 1.1 * whole, "with a price of R, the predicted "
           "error is %.5f, not %.5f", (double)sbl_query_stats(context).picture.specular_error, whole);
+    scene_free(&s);
+}
+
+/* What the quarters of a glossy picture have together: rays, mean squared error, the share of the pixels whose looks at
+   R are not those of the complete picture, and the difference of SPECULAR as a share of its mean. */
+typedef struct quarters { double rays, error2, changed, off; } quarters;
+
+/* Renders the picture and its quarters. Returns 0 if that failed. */
+static int make_quarters(const test_scene *s, sbl_picture_desc view, quarters *whole, quarters *parts) {
+    const int width = view.width, w = width / 2, h = view.height / 2;
+    float *looks, *light;
+    double off2 = 0, sum = 0;
+    int i, k, n;
+    memset(whole, 0, sizeof *whole);
+    memset(parts, 0, sizeof *parts);
+    if (!scene_render(context, s, &view)) return 0;
+    whole->rays = (double)sbl_query_stats(context).sensors.rays;
+    whole->error2 = pow((double)sbl_query_stats(context).picture.expected_error, 2);
+    looks = scene_channel(context, &view, SBL_CHANNEL_LOOKS);
+    light = scene_channel(context, &view, SBL_CHANNEL_SPECULAR);
+    for (n = 0; n < 4; n++) {
+        sbl_picture_desc shown = view;
+        float *part_looks, *part_light;
+        shown.width = view.window[2] = w;
+        shown.height = view.window[3] = h;
+        view.window[0] = n % 2 * w;
+        view.window[1] = n / 2 * h;
+        if (!scene_render(context, s, &view)) break;
+        parts->rays += (double)sbl_query_stats(context).sensors.rays;
+        parts->error2 += pow((double)sbl_query_stats(context).picture.expected_error, 2) / 4;
+        part_looks = scene_channel(context, &shown, SBL_CHANNEL_LOOKS);
+        part_light = scene_channel(context, &shown, SBL_CHANNEL_SPECULAR);
+        for (i = 0; i < w * h; i++) {
+            const int there = (n / 2 * h + i / w) * width + n % 2 * w + i % w;
+            parts->changed += (double)part_looks[i] != (double)looks[there];
+            for (k = 0; k < 3; k++) {
+                off2 += pow((double)part_light[3 * i + k] - (double)light[3 * there + k], 2);
+                sum += (double)light[3 * there + k];
+            }
+        }
+        free(part_looks);
+        free(part_light);
+    }
+    parts->changed /= 4 * w * h;
+    parts->off = sqrt(off2 * 12 * w * h) / sum;
+    free(looks);
+    free(light);
+    return n == 4;
+}
+
+/* Windows with the means and prices of a complete picture take its looks, at R and at lobes, and have its light and its
+   error. Without them, every window reaches the target error by itself: the dark ones take many looks. */
+TEST(windows_share_prices_of_lobes) {
+    sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    test_scene s = { 0 };
+    quarters whole, parts, alone;
+    sbl_stats stats;
+    glossy_scene(&s, 0);
+    view.width = 96;
+    view.height = 72;
+    view.target_error = 0.03f;
+    if (!make_quarters(&s, view, &whole, &alone) || !scene_render(context, &s, &view)) return;
+    stats = sbl_query_stats(context);
+    CHECK(stats.picture.mean_final[1] > 0.05f && stats.picture.mean_final[1] < 0.08f, "the mean of FINAL is %g",
+          (double)stats.picture.mean_final[1]);
+    memcpy(view.mean_radiance, stats.picture.mean_radiance, sizeof view.mean_radiance);
+    memcpy(view.mean_final, stats.picture.mean_final, sizeof view.mean_final);
+    view.look_rays = stats.picture.look_rays;
+    view.price = stats.picture.price;
+    view.specular_price = stats.picture.specular_price;
+    if (!make_quarters(&s, view, &whole, &parts)) return;
+    printf("    rays %.0f, in windows %.0f, without prices %.0f\n    error %.5f, with prices %.5f, in windows %.5f\n"
+           "    windows: looks of %.2f %% of the pixels change, SPECULAR by %.4f, without prices by %.4f\n", whole.rays,
+           parts.rays, alone.rays, (double)stats.picture.expected_error, sqrt(whole.error2), sqrt(parts.error2),
+           100 * parts.changed, parts.off, alone.off);
+    CHECK(fabs(sqrt(whole.error2) / (double)stats.picture.expected_error - 1) < 0.1, "error %g, with the prices %g",
+          (double)stats.picture.expected_error, sqrt(whole.error2));
+    CHECK(parts.rays < 1.6 * whole.rays, "%g rays in windows, %g in the whole", parts.rays, whole.rays);
+    CHECK(fabs(sqrt(parts.error2 / whole.error2) - 1) < 0.1, "error %g in windows, %g in the whole",
+          sqrt(parts.error2), sqrt(whole.error2));
+    CHECK(parts.changed < 0.01 && parts.off < 0.06, "%.2f %% of the looks change, and SPECULAR by %g",
+          100 * parts.changed, parts.off);
+    view.specular_price = -1;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a negative price is accepted");
+    view.specular_price = 0;
+    view.mean_final[2] = (float)NAN;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
+    scene_free(&s);
+}
+
+/* Errors and prices are relative to the mean of FINAL, which may be far from (mean R) * (mean albedo): here the bright
+   half is black. The picture reaches its target, and a picture with its price has the same error. */
+TEST(prices_are_shares_of_final) {
+    sbl_picture_desc view = scene_view(48, 48, 40, 0, 4, 0, 0, 0, 0);
+    test_scene s = { 0 };
+    sbl_stats stats;
+    double error;
+    scene_quad(&s, scene_material(&s, 0.02f, 0.02f, 0.02f), -1.5f, 0, -1.5f, -1.5f, 0, 1.5f, 0, 0, 1.5f, 0, 0, -1.5f);
+    scene_quad(&s, scene_material(&s, 0.9f, 0.9f, 0.9f), 0, 0, -1.5f, 0, 0, 1.5f, 1.5f, 0, 1.5f, 1.5f, 0, -1.5f);
+    scene_sphere(&s, scene_gloss(&s, 0.2, 0.2, 0.2, 0, 0.4), 0.8f, 0.3f, 0, 0.3f, 24, 12, 1);
+    scene_quad(&s, scene_lamp(&s, 40, 40, 40), -1.4f, 0.8f, -0.3f, -1.2f, 0.8f, -0.3f, -1.2f, 0.8f, 0.3f, -1.4f, 0.8f,
+               0.3f);
+    scene_quad(&s, 0, 0, 0, -1.5f, 0, 0.5f, -1.5f, 0, 0.5f, 1.5f, 0, 0, 1.5f);
+    view.options.mode = SBL_MODE_DIRECT;
+    view.target_error = 0.02f;
+    if (!scene_render(context, &s, &view)) return;
+    stats = sbl_query_stats(context);
+    memcpy(view.mean_radiance, stats.picture.mean_radiance, sizeof view.mean_radiance);
+    memcpy(view.mean_final, stats.picture.mean_final, sizeof view.mean_final);
+    view.look_rays = stats.picture.look_rays;
+    view.price = stats.picture.price;
+    view.specular_price = stats.picture.specular_price;
+    if (!scene_render(context, &s, &view)) return;
+    error = (double)sbl_query_stats(context).picture.radiance_error;
+    printf("    mean R %.4f, mean of FINAL %.4f; error of R %.5f, with the price %.5f\n",
+           (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_final[1],
+           (double)stats.picture.radiance_error, error);
+    CHECK(stats.picture.radiance_error < 0.022f, "error %g", (double)stats.picture.radiance_error);
+    CHECK(fabs(error / (double)stats.picture.radiance_error - 1) < 0.15, "error %g, with its price %g",
+          (double)stats.picture.radiance_error, error);
     scene_free(&s);
 }
 
@@ -2254,6 +2374,8 @@ int main(void) {
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
+    RUN(windows_share_prices_of_lobes);
+    RUN(prices_are_shares_of_final);
     RUN_UNSANITIZED(lamps_show_in_lobes_beside_them);
     RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);

@@ -37,7 +37,8 @@ static void picture(sbl_mode mode) {
     PRINT(world_to_view[0]);
     printf("%s view_to_clip %d %g %g %g\n", name, (int)mode, fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_kind); PRINT(sensor_fov);
-    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(facet_limit);
+    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(mean_final[0]); PRINT(specular_price);
+    PRINT(tile); PRINT(threshold); PRINT(facet_limit);
     PRINT(look_rays); PRINT(measure_work);
     PRINT(filter_radius); PRINT(samples);
     PRINT(exposure); PRINT(auto_exposure); PRINT(backdrop[0]);
