@@ -1354,14 +1354,14 @@ typedef struct sbl_picture_desc {
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
-                                  of squared errors over all pixels, with errors as shares of the mean R. If set, the
-                                  work ends when no look is worth it, and target_error does not end it. Set it for
-                                  windows, see ON PARTS. Default: 0, target_error decides */
+                                  of squared errors over all pixels, with errors as shares of the mean R or, in scenes
+                                  with reflections, of the mean of FINAL. If set, the work ends when no look is worth
+                                  it, and target_error does not end it. Set it for windows, see ON PARTS. Default: 0,
+                                  target_error decides */
     float mean_final[3];       /* in scenes with reflections: the mean of FINAL without emission (red, green, blue) to
                                   which errors are relative; set it for windows, see ON PARTS. Default: all 0, the mean
                                   over the visible pixels */
-    float specular_price;      /* price of a look at a lobe, with errors as shares of the mean of FINAL. Default: 0,
-                                  target_error decides */
+    float specular_price;      /* the same as price, for looks at lobes. Default: 0, target_error decides */
     int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
                                   minus sign, rays are guided to bright places. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
@@ -18757,9 +18757,9 @@ static float sbl__weigh_shown2(const sbl__refine *r) {
     return (float)SBL__MAX(mean * mean, 1e-12);
 }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean that the host has set. Otherwise they are relative to
-   the mean R of round 0's sensors or of the last weighing. With lobes, they are relative to the mean that the caller has
-   set, later to the mean of the last weighing that saw a sensor: the sensors of the first level may all miss a small
+/* Prepares for weighing all tiles. Errors are relative to the mean that the host has set. Otherwise they are relative
+   to the mean R of round 0's sensors or of the last weighing. With lobes, they are relative to the mean that the caller
+   has set, later to the mean of the last weighing that saw a sensor: the sensors of the first level may all miss a small
    surface. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
