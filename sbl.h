@@ -18759,8 +18759,8 @@ static float sbl__weigh_shown2(const sbl__refine *r) {
 
 /* Prepares for weighing all tiles. Errors are relative to the mean that the host has set. Otherwise they are relative
    to the mean R of round 0's sensors or of the last weighing. With lobes, they are relative to the mean that the caller
-   has set, later to the mean of the last weighing that saw a sensor: the sensors of the first level may all miss a small
-   surface. */
+   has set, later to the mean of the last weighing that saw a sensor: the sensors of the first level may all miss a
+   small surface. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
