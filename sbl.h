@@ -3053,8 +3053,9 @@ typedef struct sbl__record {
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
-#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror, relative to the scene's
-                                          extent or to the distance of the lamp's image, stands in the mirror itself */
+#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror itself.
+                                          The height is relative to the scene's extent, to the distance of the lamp's
+                                          image or, if this is distant, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
@@ -7482,7 +7483,7 @@ static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
 static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
     const int distant = (n->beyond & SBL__FAR_NODE) != 0;
-    const double extent = distant ? 1 : (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
+    const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
     double height = distant ? 0 : -plane->offset, side;
     int k;
     for (k = 0; k < 3; k++) height += plane->normal[k] * (double)n->middle[k];
@@ -7499,7 +7500,7 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
     out->radius = n->radius;
     out->power = n->power;
     out->distant = (uint32_t)distant;
-    if (fabs(height) < (double)SBL__MIRRORED_HEIGHT * extent) return 0;
+    if (fabs(height) < (double)SBL__MIRRORED_HEIGHT * (distant ? 1 : extent)) return 0;
     return plane->own * (double)n->power / (distant ? 1 : height * height);
 }
 
@@ -13671,7 +13672,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 way = to / away;\n",
 "        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
 "        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
-"        if (height <= SBL_MIRRORED_HEIGHT * away || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
+"        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
+"        float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);\n",
+"        if (height <= least || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
@@ -13679,7 +13682,6 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
-"        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
 "        most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));\n",
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
@@ -13715,7 +13717,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);\n",
-"        float t = z * z * width2 + max(1.0 - z * z, 0.0);\n",
+"        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
+"        vec3 across = cross(direction, mirrored_way[k].xyz);\n",
+"        float t = z * z * width2 + dot(across, across);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
 "    return density;\n",

@@ -1416,6 +1416,93 @@ TEST(mirrored_lamps_are_found) {
     }
 }
 
+/* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point light
+   that is so near to the wall that most of this R comes from a small part of the wall. */
+static double mirrored_beside(const sbl_light *l) {
+    enum { STEPS = 300 };
+    const double height = (double)l->position[0] + 0.2;
+    double sum = 0;
+    int i;
+    for (i = 0; i < STEPS * STEPS; i++) {  /* points of the wall, denser near the light */
+        const double x = (i % STEPS + 0.5) / STEPS, turn = 2 * TEST_PI * (i / STEPS + 0.5) / STEPS;
+        const double r = height * sqrt(x / (1 - x)), area = TEST_PI * height * height / ((1 - x) * (1 - x));
+        double way[3], away2;
+        set3(way, -0.2, (double)l->position[1] + r * cos(turn), (double)l->position[2] + r * sin(turn));
+        away2 = pow(unit(way), 2);
+        sum += mirrored_radiance(l, 0.3, 1, way) * fmax(way[1], 0) * -way[0] * area / away2 / TEST_PI;
+    }
+    return sum / STEPS / STEPS;
+}
+
+/* Highlights of a lamp that almost touches a mirror are narrow for a sensor far from both. The densities of the rays
+   that find them are exact all the same. */
+TEST(lamps_beside_mirrors) {
+    enum { SITES = 64 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    static const float heights[2] = { 0.03f, 0.0011f };
+    sbl_readings_desc desc = { 0 };
+    int kind, i;
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = SITES;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 128;
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (kind = 0; kind < 2; kind++) {
+        test_scene s = { 0 };
+        sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3);
+        double mean = 0, direct, wanted;
+        sbl_scene_desc scene;
+        l->position[0] = -0.2f + heights[kind];
+        l->position[1] = 0.25f;
+        direct = 3 * 0.25 / pow((double)l->position[0] * (double)l->position[0] + 0.0625, 1.5) / TEST_PI;
+        scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -0.2f, -1, -1, -0.2f, -1, 1, -0.2f, 1, 1, -0.2f, 1, -1);
+        scene = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading: %s", watch_last(&seen));
+        wanted = mirrored_beside(l);
+        for (i = 0; i < SITES; i++) mean += ((double)readings[i].radiance[1] - direct) / SITES;
+        printf("    %.4f beside the wall: the wall adds %.4f of %.4f\n", (double)heights[kind], mean, wanted);
+        CHECK(fabs(mean / wanted - 1) < 0.03, "%.4f beside the wall: %.4f of %.4f", (double)heights[kind], mean,
+              wanted);
+        scene_free(&s);
+    }
+}
+
+/* Readings of light that a mirror reflects from the sun do not depend on the unit of length. */
+TEST(mirrored_suns_have_no_unit) {
+    enum { SITES = 64 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[2][SITES];
+    sbl_readings_desc desc = { 0 };
+    double worst = 0;
+    int small_unit, i;
+    desc.sites = sites;
+    desc.site_count = SITES;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 32;
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (small_unit = 0; small_unit < 2; small_unit++) {
+        const float unit_of = small_unit ? 1.0f / (1 << 20) : 1;
+        test_scene s = { 0 };
+        sbl_light *l = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3);
+        sbl_scene_desc scene;
+        l->direction[0] = l->direction[1] = -1;
+        scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -0.2f, -1, -1, -0.2f, -1, 1, -0.2f, 0.3f, 1, -0.2f, 0.3f, -1);
+        scene_scale_and_move(&s, unit_of, 0, 0, 0);
+        scene = scene_desc(&s);
+        desc.readings = readings[small_unit];
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading: %s", watch_last(&seen));
+        scene_free(&s);
+    }
+    for (i = 0; i < SITES; i++)
+        worst = test_max(worst, fabs((double)(readings[0][i].radiance[0] - readings[1][i].radiance[0])));
+    CHECK(worst < 1e-4 * (double)readings[0][0].radiance[0], "readings differ by %g of %g", worst,
+          (double)readings[0][0].radiance[0]);
+}
+
 /* Rays that a guide directs and rays to mirrored lamps give the same light together as without a guide. */
 TEST(guided_rays_and_mirrored_lamps) {
     enum { SIDE = 24 };
@@ -2242,6 +2329,8 @@ int main(void) {
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
+    RUN_UNSANITIZED(lamps_beside_mirrors);
+    RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
