@@ -189,7 +189,9 @@
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
-   from the origin; sbl_set_scene warns about others. A value that overflows never becomes NaN.
+   from the origin, and whose brightest light is 1e-9 to 1e17: the largest radiance, irradiance of a directional light,
+   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others. A value
+   that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -8156,10 +8158,13 @@ typedef struct sbl__scene {
 #define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
-   units; largest absolute coordinate, in diagonals. sbl__scene_warn logs a warning beyond them. */
+   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
+   warning beyond them. */
 #define SBL__ACROSS_LEAST 5e-10
 #define SBL__ACROSS_MOST 6e9
 #define SBL__AWAY_MOST 4e3
+#define SBL__SHINES_LEAST 1e-9  /* variances, which are squares of light, vanish below */
+#define SBL__SHINES_MOST 1e17   /* variances overflow above */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
@@ -8247,6 +8252,10 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     if (away > SBL__AWAY_MOST * g->across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
                  "origin, where floats are too coarse; move it to the origin", g->across, away);
+    if (shining > 0 && ((double)s->lights.unit < SBL__SHINES_LEAST || (double)s->lights.unit > SBL__SHINES_MOST))
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
+                 "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
+                 (double)s->lights.unit, SBL__SHINES_LEAST, SBL__SHINES_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -18883,6 +18892,12 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
     return sbl__bin_worth(bin);
 }
 
+/* Returns the square root. If it is no finite float, because light overflows, returns FLT_MAX. */
+static double sbl__finite_root(double square) {
+    const double root = sqrt(square);
+    return root <= (double)FLT_MAX ? root : (double)FLT_MAX;
+}
+
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring bias and
    noise to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits are
    bought, if bias and noise are within their part of the target error or SBL__MAX_ROUNDS is exceeded. */
@@ -18894,9 +18909,9 @@ static void sbl__weigh_end(sbl__refine *r) {
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
     r->look_variance /= pixels;
-    r->predicted = sqrt(left / pixels + uncertainty2);
-    r->stored = sqrt(uncertainty2);
-    r->own = sqrt(left / pixels);
+    r->predicted = sbl__finite_root(left / pixels + uncertainty2);
+    r->stored = sbl__finite_root(uncertainty2);
+    r->own = sbl__finite_root(left / pixels);
     r->weighed = 1;
     sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;
