@@ -303,6 +303,9 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
+   If several solid, emitting triangles have the same corners, only one of them emits from each side. Triangles that
+   overlap in another way add up.
+
    The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
    lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
    sampled where the rays meet the lamp, which adds noise even without obstruction.
@@ -1438,7 +1441,8 @@ typedef struct sbl_stats {
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
         int triangles;            /* number of triangles in the scene, without degenerate ones */
-        int lamps;                /* number of emitting triangles, lights and bright sky texels; 0 in SBL_MODE_PAPER */
+        int lamps;                /* number of emitting triangles (of solid ones with the same corners, one counts),
+                                     lights and bright sky texels; 0 in SBL_MODE_PAPER */
         double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
         size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
@@ -6996,6 +7000,7 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     struct sbl__lights *lights;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
+    sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
     double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
     int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
     int left, right, out;      /* indices of the next lamps of the two runs, and of the next element of `sorted` */
@@ -7032,6 +7037,7 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
     sbl__free(d->base, l->nodes);
+    sbl__hash_table_free(d->base, &l->places);
     sbl__free(d->base, l);
 }
 
@@ -7198,6 +7204,71 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = lamp;
     return SBL_SUCCESS;
+}
+
+static int sbl__lamps_count(void *work) { return ((const sbl__lamps *)work)->count; }
+
+/* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may pass
+   through it. */
+static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
+    const uint32_t at = lamp->code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
+    if (lamp->code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE) return SBL__NONE;
+    return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
+}
+
+/* Returns 1 if each corner of a triangle is a corner of another triangle. */
+static int sbl__corners_within(const sbl__geometry *g, uint32_t one, uint32_t other) {
+    int i, k, found = 0;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++)
+            if (sbl__same_floats(sbl__triangle_corner(g, one, i), sbl__triangle_corner(g, other, k), 3))
+                found |= 1 << i;
+    return found == 7;
+}
+
+/* Returns 1 if a lamp emits from each side from which the other emits. Both are triangles with the same corners. */
+static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
+    const float *a = lamp->normal, *b = other->normal;
+    return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
+}
+
+/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
+   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings often
+   stand for a surface with two sides. */
+static sbl_result sbl__lamps_claim(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__lamp *lamp = &l->list[at], *other;
+    const uint32_t number = sbl__lamp_solid(l, lamp);
+    uint32_t bucket = 0, found;
+    int k, placed = 0;
+    if (!at && sbl__hash_table_make(l->device->base, &l->places, l->count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    if (number == SBL__NONE) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) bucket += sbl__hash_floats(0, sbl__triangle_corner(l->geometry, number, k), 3);
+    while ((found = sbl__bucket_next(&l->places, &bucket)) != SBL__NONE) {
+        const uint32_t place = sbl__lamp_solid(l, other = &l->list[found]);
+        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, place) ||
+            !sbl__corners_within(l->geometry, place, number)) continue;
+        if (sbl__lamp_covers(other, lamp) && (place < number || !sbl__lamp_covers(lamp, other))) {
+            lamp->power = 0;
+            return SBL_SUCCESS;
+        }
+        if (!sbl__lamp_covers(lamp, other)) continue;
+        other->power = 0;
+        if (!placed++) sbl__bucket_fill(&l->places, bucket - 1, (uint32_t)at);
+    }
+    if (!placed) sbl__bucket_fill(&l->places, bucket, (uint32_t)at);
+    return SBL_SUCCESS;
+}
+
+/* Removes the lamps whose power is 0. */
+static int sbl__lamps_compact(void *work) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    int i, kept = 0;
+    for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
+    l->count = kept;
+    sbl__hash_table_free(l->device->base, &l->places);
+    return l->stages.stage + 1;
 }
 
 /* Returns an upper limit of the number of lamps, without glows, for the size of the table. */
@@ -7595,6 +7666,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
+        { NULL, sbl__lamps_compact, sbl__lamps_claim, sbl__lamps_count },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
