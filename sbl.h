@@ -3059,9 +3059,9 @@ typedef struct sbl__record {
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
-#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror itself.
-                                          The height is relative to the scene's extent, to the distance of the lamp's
-                                          image or, if this is distant, to the size of the mirror */
+#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
+                                          itself. The height is relative to the scene's extent, to the distance of the
+                                          lamp's image or, if this is distant, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
@@ -7208,8 +7208,8 @@ static sbl_result sbl__lamps_add(void *work, int at) {
 
 static int sbl__lamps_count(void *work) { return ((const sbl__lamps *)work)->count; }
 
-/* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may pass
-   through it. */
+/* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may
+   pass through it. */
 static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
     const uint32_t at = lamp->code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (lamp->code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE) return SBL__NONE;
@@ -7233,8 +7233,8 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 }
 
 /* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
-   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings often
-   stand for a surface with two sides. */
+   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings
+   often stand for a surface with two sides. */
 static sbl_result sbl__lamps_claim(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__lamp *lamp = &l->list[at], *other;

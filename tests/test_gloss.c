@@ -1416,8 +1416,8 @@ TEST(mirrored_lamps_are_found) {
     }
 }
 
-/* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point light
-   that is so near to the wall that most of this R comes from a small part of the wall. */
+/* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point
+   light that is so near to the wall that most of this R comes from a small part of the wall. */
 static double mirrored_beside(const sbl_light *l) {
     enum { STEPS = 300 };
     const double height = (double)l->position[0] + 0.2;

@@ -526,10 +526,11 @@ TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04)
 
 /* >>textures */
 
-/* Adds the triangles of a lamp at y = 1. kind: 'd', 'u': emits downwards or upwards; 'b', 'B': emits from both sides, and
-   faces downwards or upwards. turn: which corner comes first */
+/* Adds the triangles of a lamp at y = 1. kind: 'd', 'u': emits downwards or upwards; 'b', 'B': emits from both sides,
+   and faces downwards or upwards. turn: which corner comes first */
 static void add_plate(test_scene *s, char kind, int turn) {
-    static const float corners[4][3] = { { -0.3f, 1, -0.3f }, { 0.3f, 1, -0.3f }, { 0.3f, 1, 0.3f }, { -0.3f, 1, 0.3f } };
+    static const float corners[4][3] = { { -0.3f, 1, -0.3f }, { 0.3f, 1, -0.3f }, { 0.3f, 1, 0.3f },
+                                         { -0.3f, 1, 0.3f } };
     const int lamp = scene_lamp(s, 1, 1, 1), up = kind == 'u' || kind == 'B';
     float p[12];
     int i;
@@ -577,8 +578,8 @@ TEST(lamps_at_one_place) {
         for (k = 0; k < 2; k++)
             CHECK(fabs((double)readings[k].radiance[1] / one - (k ? cases[i].up : cases[i].down)) < 0.001,
                   "%s: R is %.4f times that of one lamp", cases[i].plates, (double)readings[k].radiance[1] / one);
-        CHECK(!cases[i].lamps || sbl_query_stats(context).scene.lamps == cases[i].lamps, "%s: %d lamps", cases[i].plates,
-              sbl_query_stats(context).scene.lamps);
+        k = sbl_query_stats(context).scene.lamps;
+        CHECK(!cases[i].lamps || k == cases[i].lamps, "%s: %d lamps", cases[i].plates, k);
         scene_free(&s);
     }
 }
