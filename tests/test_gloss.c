@@ -1341,6 +1341,56 @@ TEST(gloss_mirrors_lamps_to_floors) {
     }
 }
 
+/* Adds a square whose normal is z. half: half of its side */
+static sbl_mesh *scene_upright(test_scene *s, int material, float z, float half) {
+    return scene_quad(s, material, -half, -half, z, half, -half, z, half, half, z, -half, half, z);
+}
+
+/* In a room where all light is 1, surfaces that let light pass are white in each other's mirrors and one behind another:
+   a pane that a pane mirrors, a mirror and a blended surface behind another one, and panes between two mirrors, of which
+   pixels show only a few. */
+TEST(panes_in_furnaces_are_white) {
+    enum { SIDE = 8 };
+    int kind, i;
+    for (kind = 0; kind < 4; kind++) {
+        test_scene s = { 0 };
+        const int wall = scene_material(&s, 0.5f, 0.5f, 0.5f), matte = scene_material(&s, 0.4f, 0.4f, 0.4f);
+        const int pane = scene_pane(&s, 1, 1, 1, 1), mirror = scene_gloss(&s, 1, 1, 1, 1, 0);
+        sbl_picture_desc view = scene_view(SIDE, SIDE, 8, 0, 0, 1, 0, 0, 0);
+        double least = 2, most = 0;
+        shot p;
+        for (i = 0; i < 3; i++) s.materials[wall].emission[i] = 0.5f;
+        for (i = 0; i < 3; i++) s.materials[matte].emission[i] = 0.6f;
+        scene_box(&s, wall, -2, -2, -2, 2, 2, 2);
+        if (kind == 0) {
+            view = scene_view(SIDE, SIDE, 4, 0, 0.15f, 0.9f, 0, 0, -0.1f);
+            scene_floor(&s, pane, 0, 1);
+            scene_upright(&s, pane, -1.1f, 1);
+        } else if (kind == 3) {
+            view = scene_view(SIDE, SIDE, 8, 0, 0, 0.3f, 0.01f, 0.02f, 0);
+            scene_upright(&s, mirror, -0.5f, 1);
+            scene_upright(&s, pane, 0, 1);
+            scene_upright(&s, mirror, 0.5f, 1);
+        } else {
+            scene_blend(&s, scene_upright(&s, matte, 0, 1), 0.6f);
+            if (kind == 1) scene_upright(&s, mirror, -0.5f, 1);
+            else scene_blend(&s, scene_upright(&s, matte, -0.5f, 1), 0.6f);
+        }
+        view.options.mode = SBL_MODE_GI;
+        view.samples = 1;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++) {
+            const double shown = (double)at(&p, SBL_CHANNEL_FINAL, i % SIDE, i / SIDE)[1];
+            least = test_min(least, shown);
+            most = test_max(most, shown);
+        }
+        printf("    kind %d: %.3f to %.3f\n", kind, least, most);
+        CHECK(least > 0.9 && most < 1.1, "kind %d: pixels show %.3f to %.3f", kind, least, most);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* Returns the radiance that a black wall at x = -0.2 sends to the origin, which sees it in the unit direction `way`.
    The wall mirrors a light by a lobe. */
 static double mirrored_radiance(const sbl_light *l, double roughness, double f0, const double way[3]) {
@@ -2328,6 +2378,7 @@ int main(void) {
     RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
+    RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
