@@ -409,10 +409,10 @@
                   surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
-                  except that metal of a roughness below 0.5 is itself a mirror there, and that panes show what is behind
-                  them. No light is stored in
-                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
-                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
+                  except that metal of a roughness below 0.5 is itself a mirror there, and that other panes show what is
+                  behind them. No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors
+                  only lamps and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays
+                  towards lamps find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -10446,7 +10446,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light, too.\n",
+"// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,\n",
+"// too.\n",
 "vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {\n",
 "#ifdef SBL_BOUNCED\n",
 "    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
@@ -10457,8 +10458,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. This is\n",
-"// about the stored light.\n",
+"// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The\n",
+"// stored light replaces it.\n",
 "vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {\n",
 "    vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));\n",
 "#ifdef SBL_BOUNCED\n",
@@ -10524,8 +10525,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return mirrored;\n",
 "}\n",
 "\n",
-"// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some light\n",
-"// pass. Its weight is 0 if the ray ends.\n",
+"// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some\n",
+"// light pass. Its weight is 0 if the ray ends.\n",
 "// hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds\n",
 "sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",

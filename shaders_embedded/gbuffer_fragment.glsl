@@ -113,7 +113,8 @@ vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #endif
 }
 
-// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light, too.
+// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,
+// too.
 vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {
 #ifdef SBL_BOUNCED
     vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
@@ -124,8 +125,8 @@ vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {
 #endif
 }
 
-// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. This is
-// about the stored light.
+// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The
+// stored light replaces it.
 vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {
     vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));
 #ifdef SBL_BOUNCED
@@ -191,8 +192,8 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
-// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some light
-// pass. Its weight is 0 if the ray ends.
+// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some
+// light pass. Its weight is 0 if the ray ends.
 // hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds
 sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {
     float cosine = -dot(s.normal, ray.direction);

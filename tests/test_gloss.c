@@ -1346,9 +1346,9 @@ static sbl_mesh *scene_upright(test_scene *s, int material, float z, float half)
     return scene_quad(s, material, -half, -half, z, half, -half, z, half, half, z, -half, half, z);
 }
 
-/* In a room where all light is 1, surfaces that let light pass are white in each other's mirrors and one behind another:
-   a pane that a pane mirrors, a mirror and a blended surface behind another one, and panes between two mirrors, of which
-   pixels show only a few. */
+/* In a room where all light is 1, surfaces that let light pass are white in each other's mirrors and one behind the
+   other: a pane that a pane mirrors, a mirror and a blended surface behind another one, and panes between two mirrors,
+   of which pixels show only a few. */
 TEST(panes_in_furnaces_are_white) {
     enum { SIDE = 8 };
     int kind, i;
