@@ -4858,13 +4858,16 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
 /* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
    floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
    and surface.glsl), which are then proportional to the size of the scene instead of its distance. The vertices are
-   transformed again, because their rounded positions have lost digits. The geometry must be measured. */
-static void sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
+   transformed again, because their rounded positions have lost digits. The geometry must be measured. Returns 1 if the
+   origin has moved. */
+static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     int i, k;
-    if (g->away <= SBL__CENTRE_AWAY * g->across) return;
-    for (k = 0; k < 3; k++) g->centre[k] = (float)(0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
+    if (g->away <= SBL__CENTRE_AWAY * g->across) return 0;
+    for (k = 0; k < 3; k++)
+        g->centre[k] = (float)(g->centre[k] + 0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
     for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
     sbl__geometry_measure(g, NULL);
+    return 1;
 }
 
 /* Converts a position of the host to one relative to g->centre, or back. */
@@ -4922,22 +4925,27 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
-   refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
-static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
+/* Sends the vertices and triangles of a mesh to the buffers of the tables. */
+static void sbl__geometry_send(const sbl__device *d, const sbl__geometry *g, int number) {
     const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
     const size_t corners = 3 * (size_t)mesh->first_triangle;
-    if (!sbl__mesh_transform(d->base, g, number, transform)) {
-        sbl__mesh_transform(d->base, g, number, mesh->transform);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
     sbl__buffer_write(d, &g->tables[SBL__POSITION_TABLE].buffer, sizeof *g->vertices * first,
                       sizeof *g->vertices * count, g->vertices + first);
     sbl__buffer_write(d, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sizeof *g->attributes * first,
                       sizeof *g->attributes * count, g->attributes + first);
     sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                       g->indices + corners);
+}
+
+/* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
+   refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
+static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
+    if (!sbl__mesh_transform(d->base, g, number, transform)) {
+        sbl__mesh_transform(d->base, g, number, g->meshes[number].transform);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    sbl__geometry_send(d, g, number);
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
 
@@ -8447,6 +8455,20 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
+/* Moves the origin of all positions, if meshes have moved far from it. */
+static sbl_result sbl__scene_settle(sbl__device *d, sbl__scene *s) {
+    sbl__geometry *g = &s->geometry;
+    float before[3];
+    int i, k;
+    memcpy(before, g->centre, sizeof before);
+    if (s->draw || !sbl__geometry_settle(d->base, g)) return SBL_SUCCESS;
+    for (i = 0; i < s->lights.count; i++)
+        for (k = 0; k < 3 && s->lights.list[i].kind != SBL_LIGHT_DIRECTIONAL; k++)
+            s->lights.list[i].position[k] = (float)((double)s->lights.list[i].position[k] + before[k] - g->centre[k]);
+    for (i = 0; i < g->mesh_count; i++) sbl__geometry_send(d, g, i);
+    return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
+}
+
 /* Replaces the transform of a mesh. On SBL_ERROR_INVALID_ARGUMENT, changes nothing. On other errors, restores the old
    transform. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
@@ -8456,8 +8478,12 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     memcpy(before, s->geometry.meshes[mesh].transform, sizeof before);
     result = sbl__geometry_move(d, &s->geometry, mesh, transform);
     if (result == SBL_ERROR_INVALID_ARGUMENT) return result;
-    if (result != SBL_SUCCESS) sbl__geometry_move(d, &s->geometry, mesh, before);
     sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
+    if (result == SBL_SUCCESS) result = sbl__scene_settle(d, s);
+    if (result != SBL_SUCCESS) {
+        sbl__geometry_move(d, &s->geometry, mesh, before);
+        sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
+    }
     sbl__scene_changed(d, s);
     return result;
 }

@@ -1124,6 +1124,48 @@ TEST(floors_behind_panes) {
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
 }
 
+/* Meshes that sbl_set_mesh_transform moves away together, and back again, look the same as before. Lights may be set
+   before the meshes move, or after that. */
+TEST(distance_of_moved_meshes) {
+    static const float here[3] = { 0, 0, 0 };
+    double largest = 0, worst[2] = { 0, 0 };
+    test_scene s = { 0 };
+    sbl_picture_desc view;
+    shot p, q;
+    int way, i, k;
+    scene_far(&s, &view, 0, here);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < FAR_SIDE * FAR_SIDE; i++) at(&p, SBL_CHANNEL_FINAL, i % FAR_SIDE, i / FAR_SIDE);
+    for (way = 0; way < 2; way++) {
+        const float *to = way ? here : far_off, sign = way ? -1 : 1;
+        const float move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, to[0], to[1], to[2], 1 };
+        for (k = 0; k < 3; k++) s.lights[0].position[k] += sign * far_off[k];
+        if (way) CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        for (i = 0; i < s.mesh_count; i++)
+            CHECK(sbl_set_mesh_transform(context, i, move) == SBL_SUCCESS, "mesh %d does not move", i);
+        if (!way) CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        memset(&q, 0, sizeof q);
+        q.context = context;
+        q.view = scene_plain(scene_view(FAR_SIDE, FAR_SIDE, 4, to[0] + 1.5f, to[1] + 1.5f, to[2] + 0.25f, to[0], to[1],
+                                        to[2]), SBL_MODE_DIRECT, 0);
+        q.view.options.rays = 64;
+        REQUIRE(sbl_render_picture(context, &q.view) == SBL_SUCCESS, "no picture");
+        for (i = 0; i < 3 * FAR_SIDE * FAR_SIDE; i++) {
+            const int x = i / 3 % FAR_SIDE, y = i / 3 / FAR_SIDE;
+            const double wanted = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[i % 3];
+            largest = test_max(largest, wanted);
+            worst[way] = test_max(worst[way], fabs((double)at(&q, SBL_CHANNEL_FINAL, x, y)[i % 3] - wanted));
+        }
+        CHECK(worst[way] < 0.01 * largest, "%s: light is off by %.2f %%", way ? "back" : "away",
+              100 * worst[way] / largest);
+        forget(&q);
+    }
+    printf("    off by %.3f %% of the largest value far away, %.3f %% after the return\n", 100 * worst[0] / largest,
+           100 * worst[1] / largest);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* Each of several panes at the same place tints the light that passes, also if they are many. */
 TEST(panes_at_one_place_all_tint) {
     static const int counts[3] = { 1, 3, 24 };
@@ -2371,6 +2413,7 @@ int main(void) {
     RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
     RUN_UNSANITIZED(floors_behind_panes);
+    RUN_UNSANITIZED(distance_of_moved_meshes);
     RUN_UNSANITIZED(panes_at_one_place_all_tint);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
