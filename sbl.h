@@ -189,7 +189,9 @@
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
-   from the origin; sbl_set_scene warns about others. A value that overflows never becomes NaN.
+   from the origin, and whose brightest light is 1e-9 to 1e17: the largest radiance, irradiance of a directional light,
+   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others. A value
+   that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -301,6 +303,9 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
+   If several solid, emitting triangles have the same corners, only one of them emits from each side. Triangles that
+   overlap in another way add up.
+
    The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
    lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
    sampled where the rays meet the lamp, which adds noise even without obstruction.
@@ -404,9 +409,10 @@
                   surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
-                  except that metal of a roughness below 0.5 is itself a mirror there. No light is stored in
-                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
-                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
+                  except that metal of a roughness below 0.5 is itself a mirror there, and that other panes show what is
+                  behind them. No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors
+                  only lamps and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays
+                  towards lamps find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -1443,7 +1449,8 @@ typedef struct sbl_stats {
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
         int triangles;            /* number of triangles in the scene, without degenerate ones */
-        int lamps;                /* number of emitting triangles, lights and bright sky texels; 0 in SBL_MODE_PAPER */
+        int lamps;                /* number of emitting triangles (of solid ones with the same corners, one counts),
+                                     lights and bright sky texels; 0 in SBL_MODE_PAPER */
         double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
         size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
@@ -3063,8 +3070,9 @@ typedef struct sbl__record {
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
-#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror, relative to the scene's
-                                          extent or to the distance of the lamp's image, stands in the mirror itself */
+#define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
+                                          itself. The height is relative to the scene's extent, to the distance of the
+                                          lamp's image or, if this is distant, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
@@ -4860,13 +4868,16 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
 /* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
    floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
    and surface.glsl), which are then proportional to the size of the scene instead of its distance. The vertices are
-   transformed again, because their rounded positions have lost digits. The geometry must be measured. */
-static void sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
+   transformed again, because their rounded positions have lost digits. The geometry must be measured. Returns 1 if the
+   origin has moved. */
+static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     int i, k;
-    if (g->away <= SBL__CENTRE_AWAY * g->across) return;
-    for (k = 0; k < 3; k++) g->centre[k] = (float)(0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
+    if (g->away <= SBL__CENTRE_AWAY * g->across) return 0;
+    for (k = 0; k < 3; k++)
+        g->centre[k] = (float)(g->centre[k] + 0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
     for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
     sbl__geometry_measure(g, NULL);
+    return 1;
 }
 
 /* Converts a position of the host to one relative to g->centre, or back. */
@@ -4924,22 +4935,27 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
-   refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
-static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
+/* Sends the vertices and triangles of a mesh to the buffers of the tables. */
+static void sbl__geometry_send(const sbl__device *d, const sbl__geometry *g, int number) {
     const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
     const size_t corners = 3 * (size_t)mesh->first_triangle;
-    if (!sbl__mesh_transform(d->base, g, number, transform)) {
-        sbl__mesh_transform(d->base, g, number, mesh->transform);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
     sbl__buffer_write(d, &g->tables[SBL__POSITION_TABLE].buffer, sizeof *g->vertices * first,
                       sizeof *g->vertices * count, g->vertices + first);
     sbl__buffer_write(d, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sizeof *g->attributes * first,
                       sizeof *g->attributes * count, g->attributes + first);
     sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                       g->indices + corners);
+}
+
+/* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
+   refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
+static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
+    if (!sbl__mesh_transform(d->base, g, number, transform)) {
+        sbl__mesh_transform(d->base, g, number, g->meshes[number].transform);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    sbl__geometry_send(d, g, number);
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
 
@@ -7003,6 +7019,7 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     struct sbl__lights *lights;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
+    sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
     double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
     int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
     int left, right, out;      /* indices of the next lamps of the two runs, and of the next element of `sorted` */
@@ -7039,6 +7056,7 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
     sbl__free(d->base, l->nodes);
+    sbl__hash_table_free(d->base, &l->places);
     sbl__free(d->base, l);
 }
 
@@ -7205,6 +7223,71 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = lamp;
     return SBL_SUCCESS;
+}
+
+static int sbl__lamps_count(void *work) { return ((const sbl__lamps *)work)->count; }
+
+/* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may
+   pass through it. */
+static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
+    const uint32_t at = lamp->code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
+    if (lamp->code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE) return SBL__NONE;
+    return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
+}
+
+/* Returns 1 if each corner of a triangle is a corner of another triangle. */
+static int sbl__corners_within(const sbl__geometry *g, uint32_t one, uint32_t other) {
+    int i, k, found = 0;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++)
+            if (sbl__same_floats(sbl__triangle_corner(g, one, i), sbl__triangle_corner(g, other, k), 3))
+                found |= 1 << i;
+    return found == 7;
+}
+
+/* Returns 1 if a lamp emits from each side from which the other emits. Both are triangles with the same corners. */
+static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
+    const float *a = lamp->normal, *b = other->normal;
+    return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
+}
+
+/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
+   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings
+   often stand for a surface with two sides. */
+static sbl_result sbl__lamps_claim(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__lamp *lamp = &l->list[at], *other;
+    const uint32_t number = sbl__lamp_solid(l, lamp);
+    uint32_t bucket = 0, found;
+    int k, placed = 0;
+    if (!at && sbl__hash_table_make(l->device->base, &l->places, l->count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    if (number == SBL__NONE) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) bucket += sbl__hash_floats(0, sbl__triangle_corner(l->geometry, number, k), 3);
+    while ((found = sbl__bucket_next(&l->places, &bucket)) != SBL__NONE) {
+        const uint32_t place = sbl__lamp_solid(l, other = &l->list[found]);
+        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, place) ||
+            !sbl__corners_within(l->geometry, place, number)) continue;
+        if (sbl__lamp_covers(other, lamp) && (place < number || !sbl__lamp_covers(lamp, other))) {
+            lamp->power = 0;
+            return SBL_SUCCESS;
+        }
+        if (!sbl__lamp_covers(lamp, other)) continue;
+        other->power = 0;
+        if (!placed++) sbl__bucket_fill(&l->places, bucket - 1, (uint32_t)at);
+    }
+    if (!placed) sbl__bucket_fill(&l->places, bucket, (uint32_t)at);
+    return SBL_SUCCESS;
+}
+
+/* Removes the lamps whose power is 0. */
+static int sbl__lamps_compact(void *work) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    int i, kept = 0;
+    for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
+    l->count = kept;
+    sbl__hash_table_free(l->device->base, &l->places);
+    return l->stages.stage + 1;
 }
 
 /* Returns an upper limit of the number of lamps, without glows, for the size of the table. */
@@ -7492,7 +7575,7 @@ static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
 static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
     const int distant = (n->beyond & SBL__FAR_NODE) != 0;
-    const double extent = distant ? 1 : (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
+    const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
     double height = distant ? 0 : -plane->offset, side;
     int k;
     for (k = 0; k < 3; k++) height += plane->normal[k] * (double)n->middle[k];
@@ -7509,7 +7592,7 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
     out->radius = n->radius;
     out->power = n->power;
     out->distant = (uint32_t)distant;
-    if (fabs(height) < (double)SBL__MIRRORED_HEIGHT * extent) return 0;
+    if (fabs(height) < (double)SBL__MIRRORED_HEIGHT * (distant ? 1 : extent)) return 0;
     return plane->own * (double)n->power / (distant ? 1 : height * height);
 }
 
@@ -7602,6 +7685,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
+        { NULL, sbl__lamps_compact, sbl__lamps_claim, sbl__lamps_count },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
@@ -8165,10 +8249,13 @@ typedef struct sbl__scene {
 #define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
-   units; largest absolute coordinate, in diagonals. sbl__scene_warn logs a warning beyond them. */
+   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
+   warning beyond them. */
 #define SBL__ACROSS_LEAST 5e-10
 #define SBL__ACROSS_MOST 6e9
 #define SBL__AWAY_MOST 4e3
+#define SBL__SHINES_LEAST 1e-9  /* variances, which are squares of light, vanish below */
+#define SBL__SHINES_MOST 1e17   /* variances overflow above */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
@@ -8256,6 +8343,10 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     if (away > SBL__AWAY_MOST * g->across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
                  "origin, where floats are too coarse; move it to the origin", g->across, away);
+    if (shining > 0 && ((double)s->lights.unit < SBL__SHINES_LEAST || (double)s->lights.unit > SBL__SHINES_MOST))
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
+                 "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
+                 (double)s->lights.unit, SBL__SHINES_LEAST, SBL__SHINES_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8374,6 +8465,20 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
+/* Moves the origin of all positions, if meshes have moved far from it. */
+static sbl_result sbl__scene_settle(sbl__device *d, sbl__scene *s) {
+    sbl__geometry *g = &s->geometry;
+    float before[3];
+    int i, k;
+    memcpy(before, g->centre, sizeof before);
+    if (s->draw || !sbl__geometry_settle(d->base, g)) return SBL_SUCCESS;
+    for (i = 0; i < s->lights.count; i++)
+        for (k = 0; k < 3 && s->lights.list[i].kind != SBL_LIGHT_DIRECTIONAL; k++)
+            s->lights.list[i].position[k] = (float)((double)s->lights.list[i].position[k] + before[k] - g->centre[k]);
+    for (i = 0; i < g->mesh_count; i++) sbl__geometry_send(d, g, i);
+    return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
+}
+
 /* Replaces the transform of a mesh. On SBL_ERROR_INVALID_ARGUMENT, changes nothing. On other errors, restores the old
    transform. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
@@ -8383,8 +8488,12 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     memcpy(before, s->geometry.meshes[mesh].transform, sizeof before);
     result = sbl__geometry_move(d, &s->geometry, mesh, transform);
     if (result == SBL_ERROR_INVALID_ARGUMENT) return result;
-    if (result != SBL_SUCCESS) sbl__geometry_move(d, &s->geometry, mesh, before);
     sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
+    if (result == SBL_SUCCESS) result = sbl__scene_settle(d, s);
+    if (result != SBL_SUCCESS) {
+        sbl__geometry_move(d, &s->geometry, mesh, before);
+        sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
+    }
     sbl__scene_changed(d, s);
     return result;
 }
@@ -10326,6 +10435,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
+"const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do\n",
@@ -10374,6 +10484,32 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "}\n",
 "\n",
+"// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,\n",
+"// too.\n",
+"vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {\n",
+"#ifdef SBL_BOUNCED\n",
+"    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
+"    vec3 lobe = s.material.roughness >= 0.0 ? sbl_lobe_reflected(s.material, cosine, light) : vec3(0);\n",
+"    return s.emission + sbl_reflected_diffuse(s.material, light) + lobe;\n",
+"#else\n",
+"    return s.emission;\n",
+"#endif\n",
+"}\n",
+"\n",
+"// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The\n",
+"// stored light replaces it.\n",
+"vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {\n",
+"    vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));\n",
+"#ifdef SBL_BOUNCED\n",
+"    bool some = rest != vec3(0);\n",
+"    for (int once = 0; once < (some ? 1 : 0); once++)\n",
+"        rest *= sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
+"    return rest;\n",
+"#else\n",
+"    return vec3(0);\n",
+"#endif\n",
+"}\n",
+"\n",
 "bool sbl_is_mirror(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&\n",
 "           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
@@ -10411,7 +10547,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
 "// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,\n",
 "// with the stored light there: the reflection of a pane, or the view through a surface that transmits little\n",
-"// light. point: see sbl_mirrored\n",
+"// light. On its way, it passes through surfaces that let light pass. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -10427,10 +10563,20 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return mirrored;\n",
 "}\n",
 "\n",
-"// Returns the ray with which the ray `aside` continues at metal. Its weight is 0 if the ray ends.\n",
-"sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {\n",
-"    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH;\n",
-"    vec3 share = shines ? sbl_lobe_reflected(s.material, -dot(s.normal, ray.direction), ray.weight) : vec3(0);\n",
+"// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some\n",
+"// light pass. Its weight is 0 if the ray ends.\n",
+"// hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds\n",
+"sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {\n",
+"    float cosine = -dot(s.normal, ray.direction);\n",
+"    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
+"    float most = max(passing.r, max(passing.g, passing.b));\n",
+"    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
+"                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
+"    bool passes = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
+"    own = s.emission;\n",
+"    if (passes) own = sbl_pane_radiance(s, number, cosine);\n",
+"    if (passes) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
+"    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
 "    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);\n",
 "    return sbl_leaving(s, false, direction, share);\n",
@@ -10443,13 +10589,13 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);\n",
-"    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit\n",
+"    int hits = 0;     // number of surfaces at which the ray `aside` has gone on\n",
 "    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
 "    // sbl_trace for each call, so both rays share one call.\n",
-"    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {\n",
+"    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {\n",
 "        bool is_aside = (iteration & 1) == 0 && !is_camera;\n",
-"        if (is_aside && mirrors == 0) {\n",
+"        if (is_aside && hits == 0) {\n",
 "            bool pane;\n",
 "            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
@@ -10475,10 +10621,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);\n",
 "        sbl_Leaving further = ray;\n",
 "        further.weight = vec3(0);\n",
-"        if (is_aside && !is_sky && mirrors < SBL_ASIDE_MIRRORS) further = sbl_aside(found, ray);\n",
-"        mirrors = further.weight == vec3(0) ? 0 : mirrors + 1;\n",
-"        if (mirrors > 0) {\n",
-"            m.emission += m.throughput * ray.weight * found.emission;\n",
+"        vec3 own;\n",
+"        if (is_aside && !is_sky) further = sbl_aside(found, hit.number, ray, hits, own);\n",
+"        hits = further.weight == vec3(0) ? 0 : hits + 1;\n",
+"        if (hits > 0) {\n",
+"            m.emission += m.throughput * ray.weight * own;\n",
 "            aside = further;\n",
 "            iteration--;  // the same iteration is repeated for `further`\n",
 "            continue;\n",
@@ -10494,6 +10641,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        m.number = hit.number;\n",
 "        s = found;\n",
 "    }\n",
+"    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);\n",
 "    return m;\n",
 "}\n",
 "\n",
@@ -13683,7 +13831,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 way = to / away;\n",
 "        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
 "        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
-"        if (height <= SBL_MIRRORED_HEIGHT * away || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
+"        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
+"        float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);\n",
+"        if (height <= least || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;\n",
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
@@ -13691,7 +13841,6 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
-"        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
 "        most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));\n",
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
@@ -13727,7 +13876,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);\n",
-"        float t = z * z * width2 + max(1.0 - z * z, 0.0);\n",
+"        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
+"        vec3 across = cross(direction, mirrored_way[k].xyz);\n",
+"        float t = z * z * width2 + dot(across, across);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
 "    return density;\n",
@@ -18903,6 +19054,12 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
     return sbl__bin_worth(bin);
 }
 
+/* Returns the square root. If it is no finite float, because light overflows, returns FLT_MAX. */
+static double sbl__finite_root(double square) {
+    const double root = sqrt(square);
+    return root <= (double)FLT_MAX ? root : (double)FLT_MAX;
+}
+
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring bias and
    noise to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits are
    bought, if bias and noise are within their part of the target error or SBL__MAX_ROUNDS is exceeded. */
@@ -18914,9 +19071,9 @@ static void sbl__weigh_end(sbl__refine *r) {
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
     r->look_variance /= pixels;
-    r->predicted = sqrt(left / pixels + uncertainty2);
-    r->stored = sqrt(uncertainty2);
-    r->own = sqrt(left / pixels);
+    r->predicted = sbl__finite_root(left / pixels + uncertainty2);
+    r->stored = sbl__finite_root(uncertainty2);
+    r->own = sbl__finite_root(left / pixels);
     r->weighed = 1;
     sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;

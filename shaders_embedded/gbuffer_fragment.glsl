@@ -64,6 +64,7 @@ uniform bool draws_sample;              // true: the pass draws an anti-aliasing
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
+const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
@@ -112,6 +113,32 @@ vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #endif
 }
 
+// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,
+// too.
+vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {
+#ifdef SBL_BOUNCED
+    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    vec3 lobe = s.material.roughness >= 0.0 ? sbl_lobe_reflected(s.material, cosine, light) : vec3(0);
+    return s.emission + sbl_reflected_diffuse(s.material, light) + lobe;
+#else
+    return s.emission;
+#endif
+}
+
+// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The
+// stored light replaces it.
+vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {
+    vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));
+#ifdef SBL_BOUNCED
+    bool some = rest != vec3(0);
+    for (int once = 0; once < (some ? 1 : 0); once++)
+        rest *= sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    return rest;
+#else
+    return vec3(0);
+#endif
+}
+
 bool sbl_is_mirror(sbl_Material m) {
     return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
@@ -149,7 +176,7 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 // Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
 // if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,
 // with the stored light there: the reflection of a pane, or the view through a surface that transmits little
-// light. point: see sbl_mirrored
+// light. On its way, it passes through surfaces that let light pass. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
@@ -165,10 +192,20 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
-// Returns the ray with which the ray `aside` continues at metal. Its weight is 0 if the ray ends.
-sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray) {
-    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH;
-    vec3 share = shines ? sbl_lobe_reflected(s.material, -dot(s.normal, ray.direction), ray.weight) : vec3(0);
+// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some
+// light pass. Its weight is 0 if the ray ends.
+// hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds
+sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {
+    float cosine = -dot(s.normal, ray.direction);
+    vec3 passing = sbl_passing(s.object, s.material, cosine);
+    float most = max(passing.r, max(passing.g, passing.b));
+    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
+                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
+    bool passes = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
+    own = s.emission;
+    if (passes) own = sbl_pane_radiance(s, number, cosine);
+    if (passes) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
+    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
     if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);
     return sbl_leaving(s, false, direction, share);
@@ -181,13 +218,13 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;
     bool goes_on = true, is_camera = sbl_misses(number, origin, direction);
-    int mirrors = 0;  // number of metal surfaces that the ray `aside` has hit
+    int hits = 0;     // number of surfaces at which the ray `aside` has gone on
     int panes = 0;    // number of panes that the ray `next` has passed
     // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
     // sbl_trace for each call, so both rays share one call.
-    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && goes_on; iteration++) {
+    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {
         bool is_aside = (iteration & 1) == 0 && !is_camera;
-        if (is_aside && mirrors == 0) {
+        if (is_aside && hits == 0) {
             bool pane;
             vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
@@ -213,10 +250,11 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);
         sbl_Leaving further = ray;
         further.weight = vec3(0);
-        if (is_aside && !is_sky && mirrors < SBL_ASIDE_MIRRORS) further = sbl_aside(found, ray);
-        mirrors = further.weight == vec3(0) ? 0 : mirrors + 1;
-        if (mirrors > 0) {
-            m.emission += m.throughput * ray.weight * found.emission;
+        vec3 own;
+        if (is_aside && !is_sky) further = sbl_aside(found, hit.number, ray, hits, own);
+        hits = further.weight == vec3(0) ? 0 : hits + 1;
+        if (hits > 0) {
+            m.emission += m.throughput * ray.weight * own;
             aside = further;
             iteration--;  // the same iteration is repeated for `further`
             continue;
@@ -232,6 +270,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         m.number = hit.number;
         s = found;
     }
+    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);
     return m;
 }
 

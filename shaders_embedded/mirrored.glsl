@@ -46,7 +46,9 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         vec3 way = to / away;
         float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);
         float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);
-        if (height <= SBL_MIRRORED_HEIGHT * away || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;
+        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);
+        float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);
+        if (height <= least || mirror_cosine <= 0.0 || cosine + lamp <= 0.0) continue;
         float to_mirror = height / mirror_cosine;
         float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
         float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
@@ -54,7 +56,6 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));
         if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
-        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);
         most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));
         vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);
@@ -90,7 +91,9 @@ float sbl_mirrored_density(vec3 direction) {
     float density = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) {
         float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);
-        float t = z * z * width2 + max(1.0 - z * z, 0.0);
+        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.
+        vec3 across = cross(direction, mirrored_way[k].xyz);
+        float t = z * z * width2 + dot(across, across);
         density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;
     }
     return density;

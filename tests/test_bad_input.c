@@ -852,6 +852,34 @@ TEST(extreme_light) {
     known_picture();
 }
 
+/* Light that is too bright for variances gives finite pictures and predictions. */
+TEST(light_too_bright) {
+    enum { SIDE = 16 };
+    static float final[3 * SIDE * SIDE];
+    test_scene s = { 0 };
+    const int metal = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    sbl_picture_desc bright = scene_view(SIDE, SIDE, 60, 0, 1, 3.5f, 0, 1, 0);
+    sbl_stats stats;
+    int k;
+    s.materials[metal].metallic = 1;
+    s.materials[metal].roughness = 0.4f;
+    scene_box(&s, metal, -1, 0, -1, 1, 2, 1);
+    s.mesh_count--;  /* the box is open towards the camera */
+    scene_floor(&s, scene_lamp(&s, 1e24f, 1e24f, 1e24f), 1.9f, 0.3f);
+    bright.options.mode = SBL_MODE_GI;
+    CHECK(scene_render(context, &s, &bright) && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3 * SIDE * SIDE) ==
+          SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    stats = sbl_query_stats(context);
+    CHECK(isfinite(stats.picture.expected_error) && isfinite(stats.picture.radiance_error) &&
+          isfinite(stats.picture.specular_error) && isfinite(stats.picture.stored_error), "errors: %g, %g, %g, %g",
+          (double)stats.picture.expected_error, (double)stats.picture.radiance_error,
+          (double)stats.picture.specular_error, (double)stats.picture.stored_error);
+    for (k = 0; k < 3 * SIDE * SIDE; k++) if (!isfinite(final[k])) break;
+    CHECK(k == 3 * SIDE * SIDE, "float %d of the picture is %g", k, (double)final[k]);
+    known_picture();
+    scene_free(&s);
+}
+
 /* >>invalid sbl_picture_desc fields */
 
 static void bad_picture(const sbl_picture_desc *desc, sbl_result wanted, sbl_log_item item, const char *mistake,
@@ -1491,28 +1519,29 @@ TEST(sizes_far_apart) {
     scene_free(&s);
 }
 
-/* Valid but suspicious scenes cause a warning and are accepted: without any light, too small or too large, or too far
-   from the origin for their size. */
+/* Valid but suspicious scenes cause a warning and are accepted: without any light, too small or too large, too far from
+   the origin for their size, too bright or too dark. */
 TEST(warnings) {
-    static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
-        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 2, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT },
-        { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
-        { 1e-11f, 0, 1, 1, SBL_LOG_ITEM_SCALE },
-        { 1e9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e11f, 0, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 1, 0, SBL_LOG_ITEM_OK },
-        { 1, 1e5f, 1, 1, SBL_LOG_ITEM_SCALE } };
+    static const struct { float size, offset, bright; int light, warnings; sbl_log_item item; } cases[] = {
+        { 1, 0, 3, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 3, 2, 0, SBL_LOG_ITEM_OK },
+        { 1, 0, 3, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 3, 1, 0, SBL_LOG_ITEM_OK },
+        { 1e-11f, 0, 3, 1, 1, SBL_LOG_ITEM_SCALE }, { 1e9f, 0, 3, 1, 0, SBL_LOG_ITEM_OK },
+        { 1e11f, 0, 3, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 3, 1, 0, SBL_LOG_ITEM_OK },
+        { 1, 1e5f, 3, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 0, 3e-10f, 1, 1, SBL_LOG_ITEM_SCALE },
+        { 1, 0, 2e-9f, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 6e16f, 1, 0, SBL_LOG_ITEM_OK },
+        { 1, 0, 3e17f, 1, 1, SBL_LOG_ITEM_SCALE } };
     static const unsigned char white[3] = { 255, 255, 255 };
     int i, way;
     for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
-        const float size = cases[i].size, away = cases[i].offset,
+        const float size = cases[i].size, away = cases[i].offset, bright = cases[i].bright,
             move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, away, away, away, 1 };
         test_scene s = { 0 };
         sbl_scene_desc desc;
         static small_picture picture;
         scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2 * size);
         if (cases[i].light)
-            scene_quad(&s, scene_lamp(&s, 3, 3, 3), -0.5f * size, size, -0.5f * size, -0.5f * size, size, 0.5f * size,
-                       0.5f * size, size, 0.5f * size,
-                                       0.5f * size, size, -0.5f * size);
+            scene_quad(&s, scene_lamp(&s, bright, bright, bright), -0.5f * size, size, -0.5f * size, -0.5f * size, size,
+                       0.5f * size, 0.5f * size, size, 0.5f * size, 0.5f * size, size, -0.5f * size);
         if (cases[i].light == 2)  /* the lamp has a texture */
             s.materials[s.material_count - 1].emission_texture =
                 scene_texture(&s, white, sizeof white, SBL_PIXELS_SRGB8, 1, 1, 3);
@@ -1527,6 +1556,7 @@ TEST(warnings) {
         /* scenes without a warning must be rendered correctly: compares with the exact form factor (Howell B-4) */
         for (way = 0; way < 2 && !cases[i].warnings; way++) {
             const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
+            double found;
             view = small_view();
             view.options.mode = SBL_MODE_DIRECT;
             view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
@@ -1535,9 +1565,9 @@ TEST(warnings) {
             sbl_look_at(view.world_to_view, away, away + 0.9f * size, away + 0.001f * size, away, away, away, 0, 1, 0);
             sbl_perspective(view.view_to_clip, 2, 1);
             CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "case %d: %s", i, watch_last(&seen));
-            CHECK(fabs((double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)] / (3 * form) - 1) < 2e-3,
-                  "case %d: R is %g, expected %g", i,
-                  (double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)], 3 * form);
+            found = (double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)] / (double)bright;
+            CHECK(fabs(found / form - 1) < 2e-3, "case %d: R is %g of the lamp's radiance, expected %g", i, found,
+                  form);
         }
         scene_free(&s);
     }
@@ -1598,6 +1628,7 @@ int main(void) {
     RUN(empty_scenes_and_meshes);
     RUN(degenerate_triangles);
     RUN(extreme_light);
+    RUN(light_too_bright);
     RUN(picture_desc);
     RUN(picture_desc_all_at_once);
     RUN(picture_desc_ends_of_ranges);

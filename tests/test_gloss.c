@@ -1124,6 +1124,48 @@ TEST(floors_behind_panes) {
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
 }
 
+/* Meshes that sbl_set_mesh_transform moves away together, and back again, look the same as before. Lights may be set
+   before the meshes move, or after that. */
+TEST(distance_of_moved_meshes) {
+    static const float here[3] = { 0, 0, 0 };
+    double largest = 0, worst[2] = { 0, 0 };
+    test_scene s = { 0 };
+    sbl_picture_desc view;
+    shot p, q;
+    int way, i, k;
+    scene_far(&s, &view, 0, here);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < FAR_SIDE * FAR_SIDE; i++) at(&p, SBL_CHANNEL_FINAL, i % FAR_SIDE, i / FAR_SIDE);
+    for (way = 0; way < 2; way++) {
+        const float *to = way ? here : far_off, sign = way ? -1 : 1;
+        const float move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, to[0], to[1], to[2], 1 };
+        for (k = 0; k < 3; k++) s.lights[0].position[k] += sign * far_off[k];
+        if (way) CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        for (i = 0; i < s.mesh_count; i++)
+            CHECK(sbl_set_mesh_transform(context, i, move) == SBL_SUCCESS, "mesh %d does not move", i);
+        if (!way) CHECK(sbl_set_lights(context, s.lights, 1) == SBL_SUCCESS, "no lights");
+        memset(&q, 0, sizeof q);
+        q.context = context;
+        q.view = scene_plain(scene_view(FAR_SIDE, FAR_SIDE, 4, to[0] + 1.5f, to[1] + 1.5f, to[2] + 0.25f, to[0], to[1],
+                                        to[2]), SBL_MODE_DIRECT, 0);
+        q.view.options.rays = 64;
+        REQUIRE(sbl_render_picture(context, &q.view) == SBL_SUCCESS, "no picture");
+        for (i = 0; i < 3 * FAR_SIDE * FAR_SIDE; i++) {
+            const int x = i / 3 % FAR_SIDE, y = i / 3 / FAR_SIDE;
+            const double wanted = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[i % 3];
+            largest = test_max(largest, wanted);
+            worst[way] = test_max(worst[way], fabs((double)at(&q, SBL_CHANNEL_FINAL, x, y)[i % 3] - wanted));
+        }
+        CHECK(worst[way] < 0.01 * largest, "%s: light is off by %.2f %%", way ? "back" : "away",
+              100 * worst[way] / largest);
+        forget(&q);
+    }
+    printf("    off by %.3f %% of the largest value far away, %.3f %% after the return\n", 100 * worst[0] / largest,
+           100 * worst[1] / largest);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* Each of several panes at the same place tints the light that passes, also if they are many. */
 TEST(panes_at_one_place_all_tint) {
     static const int counts[3] = { 1, 3, 24 };
@@ -1341,6 +1383,56 @@ TEST(gloss_mirrors_lamps_to_floors) {
     }
 }
 
+/* Adds a square whose normal is z. half: half of its side */
+static sbl_mesh *scene_upright(test_scene *s, int material, float z, float half) {
+    return scene_quad(s, material, -half, -half, z, half, -half, z, half, half, z, -half, half, z);
+}
+
+/* In a room where all light is 1, surfaces that let light pass are white in each other's mirrors and one behind the
+   other: a pane that a pane mirrors, a mirror and a blended surface behind another one, and panes between two mirrors,
+   of which pixels show only a few. */
+TEST(panes_in_furnaces_are_white) {
+    enum { SIDE = 8 };
+    int kind, i;
+    for (kind = 0; kind < 4; kind++) {
+        test_scene s = { 0 };
+        const int wall = scene_material(&s, 0.5f, 0.5f, 0.5f), matte = scene_material(&s, 0.4f, 0.4f, 0.4f);
+        const int pane = scene_pane(&s, 1, 1, 1, 1), mirror = scene_gloss(&s, 1, 1, 1, 1, 0);
+        sbl_picture_desc view = scene_view(SIDE, SIDE, 8, 0, 0, 1, 0, 0, 0);
+        double least = 2, most = 0;
+        shot p;
+        for (i = 0; i < 3; i++) s.materials[wall].emission[i] = 0.5f;
+        for (i = 0; i < 3; i++) s.materials[matte].emission[i] = 0.6f;
+        scene_box(&s, wall, -2, -2, -2, 2, 2, 2);
+        if (kind == 0) {
+            view = scene_view(SIDE, SIDE, 4, 0, 0.15f, 0.9f, 0, 0, -0.1f);
+            scene_floor(&s, pane, 0, 1);
+            scene_upright(&s, pane, -1.1f, 1);
+        } else if (kind == 3) {
+            view = scene_view(SIDE, SIDE, 8, 0, 0, 0.3f, 0.01f, 0.02f, 0);
+            scene_upright(&s, mirror, -0.5f, 1);
+            scene_upright(&s, pane, 0, 1);
+            scene_upright(&s, mirror, 0.5f, 1);
+        } else {
+            scene_blend(&s, scene_upright(&s, matte, 0, 1), 0.6f);
+            if (kind == 1) scene_upright(&s, mirror, -0.5f, 1);
+            else scene_blend(&s, scene_upright(&s, matte, -0.5f, 1), 0.6f);
+        }
+        view.options.mode = SBL_MODE_GI;
+        view.samples = 1;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++) {
+            const double shown = (double)at(&p, SBL_CHANNEL_FINAL, i % SIDE, i / SIDE)[1];
+            least = test_min(least, shown);
+            most = test_max(most, shown);
+        }
+        printf("    kind %d: %.3f to %.3f\n", kind, least, most);
+        CHECK(least > 0.9 && most < 1.1, "kind %d: pixels show %.3f to %.3f", kind, least, most);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* Returns the radiance that a black wall at x = -0.2 sends to the origin, which sees it in the unit direction `way`.
    The wall mirrors a light by a lobe. */
 static double mirrored_radiance(const sbl_light *l, double roughness, double f0, const double way[3]) {
@@ -1414,6 +1506,93 @@ TEST(mirrored_lamps_are_found) {
               sqrt(squares) / wanted);
         scene_free(&s);
     }
+}
+
+/* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point
+   light that is so near to the wall that most of this R comes from a small part of the wall. */
+static double mirrored_beside(const sbl_light *l) {
+    enum { STEPS = 300 };
+    const double height = (double)l->position[0] + 0.2;
+    double sum = 0;
+    int i;
+    for (i = 0; i < STEPS * STEPS; i++) {  /* points of the wall, denser near the light */
+        const double x = (i % STEPS + 0.5) / STEPS, turn = 2 * TEST_PI * (i / STEPS + 0.5) / STEPS;
+        const double r = height * sqrt(x / (1 - x)), area = TEST_PI * height * height / ((1 - x) * (1 - x));
+        double way[3], away2;
+        set3(way, -0.2, (double)l->position[1] + r * cos(turn), (double)l->position[2] + r * sin(turn));
+        away2 = pow(unit(way), 2);
+        sum += mirrored_radiance(l, 0.3, 1, way) * fmax(way[1], 0) * -way[0] * area / away2 / TEST_PI;
+    }
+    return sum / STEPS / STEPS;
+}
+
+/* Highlights of a lamp that almost touches a mirror are narrow for a sensor far from both. The densities of the rays
+   that find them are exact all the same. */
+TEST(lamps_beside_mirrors) {
+    enum { SITES = 64 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    static const float heights[2] = { 0.03f, 0.0011f };
+    sbl_readings_desc desc = { 0 };
+    int kind, i;
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = SITES;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 128;
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (kind = 0; kind < 2; kind++) {
+        test_scene s = { 0 };
+        sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3);
+        double mean = 0, direct, wanted;
+        sbl_scene_desc scene;
+        l->position[0] = -0.2f + heights[kind];
+        l->position[1] = 0.25f;
+        direct = 3 * 0.25 / pow((double)l->position[0] * (double)l->position[0] + 0.0625, 1.5) / TEST_PI;
+        scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -0.2f, -1, -1, -0.2f, -1, 1, -0.2f, 1, 1, -0.2f, 1, -1);
+        scene = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading: %s", watch_last(&seen));
+        wanted = mirrored_beside(l);
+        for (i = 0; i < SITES; i++) mean += ((double)readings[i].radiance[1] - direct) / SITES;
+        printf("    %.4f beside the wall: the wall adds %.4f of %.4f\n", (double)heights[kind], mean, wanted);
+        CHECK(fabs(mean / wanted - 1) < 0.03, "%.4f beside the wall: %.4f of %.4f", (double)heights[kind], mean,
+              wanted);
+        scene_free(&s);
+    }
+}
+
+/* Readings of light that a mirror reflects from the sun do not depend on the unit of length. */
+TEST(mirrored_suns_have_no_unit) {
+    enum { SITES = 64 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[2][SITES];
+    sbl_readings_desc desc = { 0 };
+    double worst = 0;
+    int small_unit, i;
+    desc.sites = sites;
+    desc.site_count = SITES;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 32;
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (small_unit = 0; small_unit < 2; small_unit++) {
+        const float unit_of = small_unit ? 1.0f / (1 << 20) : 1;
+        test_scene s = { 0 };
+        sbl_light *l = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3);
+        sbl_scene_desc scene;
+        l->direction[0] = l->direction[1] = -1;
+        scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -0.2f, -1, -1, -0.2f, -1, 1, -0.2f, 0.3f, 1, -0.2f, 0.3f, -1);
+        scene_scale_and_move(&s, unit_of, 0, 0, 0);
+        scene = scene_desc(&s);
+        desc.readings = readings[small_unit];
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no reading: %s", watch_last(&seen));
+        scene_free(&s);
+    }
+    for (i = 0; i < SITES; i++)
+        worst = test_max(worst, fabs((double)(readings[0][i].radiance[0] - readings[1][i].radiance[0])));
+    CHECK(worst < 1e-4 * (double)readings[0][0].radiance[0], "readings differ by %g of %g", worst,
+          (double)readings[0][0].radiance[0]);
 }
 
 /* Rays that a guide directs and rays to mirrored lamps give the same light together as without a guide. */
@@ -2354,6 +2533,7 @@ int main(void) {
     RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
     RUN_UNSANITIZED(floors_behind_panes);
+    RUN_UNSANITIZED(distance_of_moved_meshes);
     RUN_UNSANITIZED(panes_at_one_place_all_tint);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
@@ -2361,7 +2541,10 @@ int main(void) {
     RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
+    RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
+    RUN_UNSANITIZED(lamps_beside_mirrors);
+    RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);

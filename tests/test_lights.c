@@ -526,6 +526,64 @@ TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04)
 
 /* >>textures */
 
+/* Adds the triangles of a lamp at y = 1. kind: 'd', 'u': emits downwards or upwards; 'b', 'B': emits from both sides,
+   and faces downwards or upwards. turn: which corner comes first */
+static void add_plate(test_scene *s, char kind, int turn) {
+    static const float corners[4][3] = { { -0.3f, 1, -0.3f }, { 0.3f, 1, -0.3f }, { 0.3f, 1, 0.3f },
+                                         { -0.3f, 1, 0.3f } };
+    const int lamp = scene_lamp(s, 1, 1, 1), up = kind == 'u' || kind == 'B';
+    float p[12];
+    int i;
+    for (i = 0; i < 4; i++) memcpy(p + 3 * (up ? 3 - i : i), corners[(i + turn) % 4], sizeof corners[0]);
+    if (up) {  /* keeps the diagonal */
+        float last[3];
+        memcpy(last, p + 9, sizeof last);
+        memmove(p + 3, p, 9 * sizeof *p);
+        memcpy(p, last, sizeof last);
+    }
+    if (kind == 'u' || kind == 'd') s->materials[lamp].flags |= SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_quad_uv(s, lamp, p, 1, 1);
+}
+
+/* Lamps with the same corners give as much light as one of them, from each side from which at least one emits. */
+TEST(lamps_at_one_place) {
+    static const struct { const char *plates; int down, up, lamps; } cases[] = {  /* lamps: 0: 2 or 4 */
+        { "b", 1, 1, 2 }, { "bb", 1, 1, 2 }, { "bB", 1, 1, 2 }, { "Bb", 1, 1, 2 }, { "bBb", 1, 1, 2 },
+        { "bbbbbbbbbbbb", 1, 1, 2 }, { "d", 1, 0, 2 }, { "dd", 1, 0, 2 }, { "du", 1, 1, 4 }, { "ud", 1, 1, 4 },
+        { "db", 1, 1, 2 }, { "bd", 1, 1, 2 }, { "dub", 1, 1, 0 }, { "uu", 0, 1, 2 }
+    };
+    double one = 0;
+    int i, k;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        test_scene s = { 0 };
+        sbl_readings_desc desc = { 0 };
+        sbl_site sites[2];
+        sbl_reading readings[2];
+        sbl_scene_desc scene;
+        memset(sites, 0, sizeof sites);
+        for (k = 0; k < 2; k++) {
+            sites[k].position[0] = 0.2f;
+            sites[k].position[1] = k ? 1.5f : 0.5f;
+            sites[k].normal[1] = k ? -1.0f : 1.0f;
+        }
+        for (k = 0; cases[i].plates[k]; k++) add_plate(&s, cases[i].plates[k], 2 * (k % 2));
+        desc.sites = sites;
+        desc.readings = readings;
+        desc.site_count = 2;
+        desc.options.mode = SBL_MODE_DIRECT;
+        scene = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "no readings");
+        if (i == 0) one = (double)readings[0].radiance[1];
+        for (k = 0; k < 2; k++)
+            CHECK(fabs((double)readings[k].radiance[1] / one - (k ? cases[i].up : cases[i].down)) < 0.001,
+                  "%s: R is %.4f times that of one lamp", cases[i].plates, (double)readings[k].radiance[1] / one);
+        k = sbl_query_stats(context).scene.lamps;
+        CHECK(!cases[i].lamps || k == cases[i].lamps, "%s: %d lamps", cases[i].plates, k);
+        scene_free(&s);
+    }
+}
+
 /* A lamp whose texture is half black gives half of the light. Interpolation blurs the border over one texel of 64,
    symmetrically. */
 TEST(textured_lamp) {
@@ -1320,6 +1378,7 @@ int main(void) {
     RUN(half_covered_default_settings);
     RUN(half_covered_noise_is_known);
     RUN(half_covered_raster);
+    RUN(lamps_at_one_place);
     RUN(textured_lamp);
     RUN(sky_by_function);
     RUN(sky_picture_rotated);
