@@ -129,6 +129,21 @@ static int parts__components(const picture_parts *p, const picture_part *part) {
     return list->num_channels;
 }
 
+/* Returns 0 and sets p->list.error if a part of a lightmap is read as a picture, or if it has other channels than the
+   lightmap. components: result of parts__components */
+static int parts__is_kind(picture_parts *p, const picture_part *part, int components) {
+    char channel[PICTURE_FACT_SIZE], options[PICTURE_FACT_SIZE];
+    parts__fact(part, FACT_CHANNEL, channel);
+    parts__fact(part, FACT_OPTIONS, options);
+    if (strcmp(channel, "lightmap") != 0) return 1;
+    if (!p->frame.channels)
+        return parts__fail(&p->list, "%s: it is a part of a lightmap, whose gutters and seams need the scene; sbl_bake "
+                           "--lightmap with --join joins the parts", parts__name(p, part));
+    return components || parts__fail(&p->list, "%s does not fit: it was made with other options: it has %s; with "
+                                     "--directional or --light-groups, a part has other channels",
+                                     parts__name(p, part), fact_shown(options));
+}
+
 /* Reads the header of a part and checks it against the first part, which sets p->frame and p->list.facts. Returns 0 and
    sets p->list.error if it does not fit. */
 static int parts__header(picture_parts *p, picture_part *part) {
@@ -138,10 +153,7 @@ static int parts__header(picture_parts *p, picture_part *part) {
     if (!parts__open(p, part)) return 0;
     components = parts__components(p, part);
     parts__fact(part, FACT_VERSION, facts[FACT_VERSION].text);
-    parts__fact(part, FACT_CHANNEL, facts[FACT_CHANNEL].text);
-    if (!p->frame.channels && strcmp(facts[FACT_CHANNEL].text, "lightmap") == 0)
-        return parts__fail(&p->list, "%s: it is a part of a lightmap, whose gutters and seams need the scene; sbl_bake "
-                           "--lightmap with --join joins the parts", parts__name(p, part));
+    if (!parts__is_kind(p, part, components)) return 0;
     if (!components || !facts[FACT_VERSION].text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
         exr_get_display_window(part->exr, 0, &display) != EXR_ERR_SUCCESS)
         return parts__fail(&p->list, "%s: not a part made by %s", parts__name(p, part),

@@ -108,7 +108,8 @@ TEST(wrong_parts_are_refused) {
           said("other options") && said("--seed=4"), "%s", ran.err);
     CHECK(BAKE("room.gltf", "--lightmap", "97", "--mode", "direct", "--join", "p", "-o", "out") == 1 &&
           said("96x96"), "%s", ran.err);
-    CHECK(BAKE(MAP, "--directional", "--join", "p", "-o", "out") == 1 && said("not a part"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--directional", "--join", "p", "-o", "out") == 1 && said("p/01.exr does not fit") &&
+          said("other channels"), "%s", ran.err);
     CHECK(BAKE(MAP, "--join", "none", "-o", "out") == 1 && said("none: this folder cannot be read"), "%s", ran.err);
     mkdir(in_folder("empty"), 0777);
     CHECK(BAKE(MAP, "--join", "empty", "-o", "out") == 1 &&
