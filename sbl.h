@@ -382,11 +382,11 @@
    the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors
    measure SPECULAR until the error of FINAL is. The error of FINAL has three parts, whose squares add up:
    radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
-   stored light in lobes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4
-   times the target. Near the images of lamps in smooth surfaces, a picture may miss the default target, because of the
-   limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error of FINAL; the channels
-   RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where SBL_MATERIAL_NO_SENSORS forbids
-   sensors, the lobe reflects the stored light.
+   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
+   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
+   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
+   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R.
+   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
@@ -406,9 +406,10 @@
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
                   except that metal of a roughness below 0.5 is itself a mirror there, which samples blur if its
                   roughness is 0.05 to 0.16. The predicted error of FINAL contains 15 % of the stored light that panes
-                  show, since its cells are visible. No light is stored in SBL_MODE_DIRECT: the diffuse part is then
-                  black, and a pane mirrors only lamps and the sky. Roughness does not blur what a pane shows. Panes
-                  tint the light that rays towards lamps find
+                  show, since its cells are visible. What a pane mirrors is seen through other panes, which tint it but
+                  mirror nothing. No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane
+                  mirrors only lamps and the sky. Roughness does not blur what a pane shows. Panes tint the light that
+                  rays towards lamps find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -6839,9 +6840,12 @@ static const char *const sbl__glsl_traverse[] = {
 "                               // divided by the probability\n",
 "const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the transmitted fraction\n",
 "const int SBL_RAY_SOLID = 2;   // the ray stops\n",
+"const int SBL_RAY_SEEN = 3;    // the ray passes, as SBL_RAY_SHADOW, if half of the light does; otherwise it stops\n",
 "vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
+"const float SBL_PANE = 0.499;  // a surface is a pane if it transmits at least this fraction of light\n",
+"\n",
 "// Returns a random number in [0, 1) that depends on the point of the hit. which: selects one of several\n",
 "// independent numbers\n",
 "float sbl_random_of(sbl_Hit hit, uint which) {\n",
@@ -6861,8 +6865,8 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
 "// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted\n",
-"// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray\n",
-"// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.\n",
+"// fraction (SBL_RAY_SHADOW, SBL_RAY_SEEN) or, as Russian roulette decides, by what compensates for that\n",
+"// (SBL_RAY_PATH). A ray that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -6870,10 +6874,10 @@ static const char *const sbl__glsl_traverse[] = {
 "    float cosine = sizes > 0.0 ? dot(normal, direction) / sizes : 1.0;\n",
 "    vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
-"    if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;\n",
+"    if (most <= 0.0 || kind == SBL_RAY_SOLID || (kind == SBL_RAY_SEEN && most < SBL_PANE)) return false;\n",
 "    float chance = most * (1.0 - 0.5 * chance_least);\n",
-"    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < chance;\n",
-"    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));\n",
+"    bool whole = kind != SBL_RAY_PATH, passes = whole || sbl_random_of(hit, 0u) < chance;\n",
+"    sbl_tint *= whole ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));\n",
 "    return passes;\n",
 "}\n",
 "#endif\n",
@@ -10329,7 +10333,6 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do\n",
-"const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
@@ -10412,7 +10415,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
 "// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,\n",
 "// with the stored light there: the reflection of a pane, or the view through a surface that transmits little\n",
-"// light. point: see sbl_mirrored\n",
+"// light. It passes panes. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -10480,7 +10483,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (is_aside) ray = aside;\n",
 "        if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));\n",
 "        if (ray.weight == vec3(0)) continue;\n",
-"        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
+"        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, is_aside ? SBL_RAY_SEEN : SBL_RAY_SOLID);\n",
+"        ray.weight *= sbl_tint;\n",
 "        if (is_camera) {\n",
 "            sbl_correct(s, m, hit, origin, direction);\n",
 "            goes_on = m.number >= 0;\n",

@@ -68,7 +68,6 @@ const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at mo
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
-const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
 
 // The surface that a pixel shows in mirrors and behind panes
 struct sbl_Mirrored {
@@ -151,7 +150,7 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 // Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
 // if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,
 // with the stored light there: the reflection of a pane, or the view through a surface that transmits little
-// light. point: see sbl_mirrored
+// light. It passes panes. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
@@ -219,7 +218,8 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         if (is_aside) ray = aside;
         if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));
         if (ray.weight == vec3(0)) continue;
-        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
+        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, is_aside ? SBL_RAY_SEEN : SBL_RAY_SOLID);
+        ray.weight *= sbl_tint;
         if (is_camera) {
             sbl_correct(s, m, hit, origin, direction);
             goes_on = m.number >= 0;

@@ -154,9 +154,12 @@ const int SBL_RAY_PATH = 0;    // Russian roulette: the ray passes or stops; sbl
                                // divided by the probability
 const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the transmitted fraction
 const int SBL_RAY_SOLID = 2;   // the ray stops
+const int SBL_RAY_SEEN = 3;    // the ray passes, as SBL_RAY_SHADOW, if half of the light does; otherwise it stops
 vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
 
 #ifdef SBL_SPECULAR
+const float SBL_PANE = 0.499;  // a surface is a pane if it transmits at least this fraction of light
+
 // Returns a random number in [0, 1) that depends on the point of the hit. which: selects one of several
 // independent numbers
 float sbl_random_of(sbl_Hit hit, uint which) {
@@ -176,8 +179,8 @@ float chance_least = 0.0;
 
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
 // Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted
-// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray
-// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.
+// fraction (SBL_RAY_SHADOW, SBL_RAY_SEEN) or, as Russian roulette decides, by what compensates for that
+// (SBL_RAY_PATH). A ray that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.
 bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
@@ -185,10 +188,10 @@ bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     float cosine = sizes > 0.0 ? dot(normal, direction) / sizes : 1.0;
     vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
-    if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;
+    if (most <= 0.0 || kind == SBL_RAY_SOLID || (kind == SBL_RAY_SEEN && most < SBL_PANE)) return false;
     float chance = most * (1.0 - 0.5 * chance_least);
-    bool passes = kind == SBL_RAY_SHADOW || sbl_random_of(hit, 0u) < chance;
-    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));
+    bool whole = kind != SBL_RAY_PATH, passes = whole || sbl_random_of(hit, 0u) < chance;
+    sbl_tint *= whole ? passing : passes ? passing / chance : vec3(1.0 / (1.0 - chance));
     return passes;
 }
 #endif

@@ -604,6 +604,24 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
+/* A pane mirrors another pane, which tints the sky behind it. */
+TEST(panes_show_panes_in_mirrors) {
+    test_scene s = { 0 };
+    const sbl_picture_desc view = view_of_plate(1, 1, 1, 70, 16);
+    const double once = lobe__fresnel(cos(70 * TEST_PI / 180), 0.04), wanted = 1 - once + once * 0.6 * (1 - once);
+    double shown;
+    shot p;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
+    scene_quad(&s, scene_pane(&s, 0.6, 0.6, 0.6, 1), -4, 1, -1, -4, 1, 1, -2, 1, 1, -2, 1, -1);
+    if (!shoot(&p, &s, &view)) return;
+    shown = (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1];
+    printf("    %.4f of %.4f\n", shown, wanted);
+    CHECK(fabs(shown - wanted) < 0.003, "the pane shows %.4f, not %.4f", shown, wanted);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* A pane mirrors a plate of polished metal, which mirrors the edge of a lamp. The plate blurs the edge like a
    quadrature of its lobe, also if a pixel has one anti-aliasing sample. */
 TEST(panes_blur_polished_metal) {
@@ -2266,6 +2284,7 @@ int main(void) {
     RUN_UNSANITIZED(panes_mirror_bounced_light);
     RUN_UNSANITIZED(panes_mirror_metal);
     RUN_UNSANITIZED(panes_blur_polished_metal);
+    RUN_UNSANITIZED(panes_show_panes_in_mirrors);
     RUN_UNSANITIZED(panes_read_red);
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
