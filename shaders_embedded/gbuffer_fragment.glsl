@@ -21,7 +21,8 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 
 #ifdef SBL_BOUNCED
 // Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces
-// without sensors show this mean, because no interpolation between sensors hides the borders of their cells.
+// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides
+// the borders of their cells.
 // points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
@@ -105,7 +106,13 @@ void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 or
 // true: without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    vec3 light = sbl_stored_smooth(number, s, draws_sample ? 0 : 25);
+    // The mean over all samples is about the same; each reads one point.
+    for (int once = 0; once < (draws_sample ? 1 : 0); once++) {
+        vec3 at = s.position + sbl_frame(s.geometric_normal) * vec3(sample_point - 0.5, 0) / per_cell;
+        light = sbl_stored(number, s.back, at, SBL_UNBOUNDED);
+        if (light == vec3(0)) light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    }
     if (only_diffuse) return sbl_reflected_diffuse(s.material, light);
     return sbl_reflected(s.material, light);
 #else
