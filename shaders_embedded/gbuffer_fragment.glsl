@@ -106,15 +106,9 @@ void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 or
 // true: without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored_smooth(number, s, draws_sample ? 0 : 25);
-    // The mean over all samples is about the same; each reads one point.
-    for (int once = 0; once < (draws_sample ? 1 : 0); once++) {
-        vec3 at = s.position + sbl_frame(s.geometric_normal) * vec3(sample_point - 0.5, 0) / per_cell;
-        light = sbl_stored(number, s.back, at, SBL_UNBOUNDED);
-        if (light == vec3(0)) light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
-    }
-    if (only_diffuse) return sbl_reflected_diffuse(s.material, light);
-    return sbl_reflected(s.material, light);
+    if (only_diffuse)
+        return sbl_reflected_diffuse(s.material, sbl_stored(number, s.back, s.position, SBL_UNBOUNDED));
+    return sbl_reflected(s.material, sbl_stored_smooth(number, s, 25));
 #else
     return vec3(0);
 #endif
@@ -218,7 +212,8 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
             if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror
-            if (goes_on && pane) sbl_show_stored(m, s, m.number, true, vec3(1));
+            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)
+                sbl_show_stored(m, s, m.number, true, vec3(1));
             if (goes_on) m.emission += m.throughput * s.emission;
         }
         sbl_Leaving ray = next;
@@ -248,10 +243,9 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
             iteration--;  // the same iteration is repeated for `further`
             continue;
         }
-        if (is_aside && !is_sky) {
+        if (is_aside && !is_sky) light = found.emission;
+        for (int once = 0; once < (is_aside && !is_sky ? 1 : 0); once++)
             sbl_show_stored(m, found, hit.number, false, ray.weight);
-            light = found.emission;
-        }
         m.emission += m.throughput * ray.weight * light;
         if (is_aside) continue;
         m.direction = ray.direction;

@@ -403,8 +403,8 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x32a51e5f52bcf158u,  /* glossy_picture */
-    0x09b178ad5d6e635fu,  /* glossy_window */
+    0x05c4aa09978d98b3u,  /* glossy_picture */
+    0xd724c503c07a4039u,  /* glossy_window */
     0xdf098d12d6bae040u,  /* glossy_inspection */
     0x723538e9b9fed2c2u,  /* glossy_store */
     0xe3de59a9fb2be567u,  /* glossy_rasterised */
