@@ -387,11 +387,11 @@
    the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors
    measure SPECULAR until the error of FINAL is. The error of FINAL has three parts, whose squares add up:
    radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
-   stored light in lobes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4
-   times the target. Near the images of lamps in smooth surfaces, a picture may miss the default target, because of the
-   limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error of FINAL; the channels
-   RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where SBL_MATERIAL_NO_SENSORS forbids
-   sensors, the lobe reflects the stored light.
+   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
+   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
+   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
+   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R.
+   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
@@ -404,15 +404,16 @@
                   what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
                   in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
                   SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
-                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. All
-                  these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth
-                  surfaces are measured by rays
+                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. So
+                  do scenes with a pane and metal of a roughness of 0.05 to 0.16. All these samples lie at the pixel's
+                  centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
-                  except that metal of a roughness below 0.5 is itself a mirror there, and that other panes show what is
-                  behind them. No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors
-                  only lamps and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays
-                  towards lamps find
+                  except that metal of a roughness below 0.5 is itself a mirror there, which samples blur if its
+                  roughness is 0.05 to 0.16, and that other panes show what is behind them. The predicted error of FINAL
+                  contains 13 % of the stored light that panes show, since its cells are wide. No light is stored in
+                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
+                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -3061,6 +3062,7 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
+#define SBL__POLISHED 0.16f            /* samples blur what metal of lower roughness shows where a pane mirrors it */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
                                           the lobe also reflects where the albedo is 0 */
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
@@ -3099,7 +3101,7 @@ typedef struct sbl__record {
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
     X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
-    X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
+    X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -5528,6 +5530,11 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
+}
+
+/* Returns 1 if the material is metal that panes show, but is too rough for a perfect mirror. */
+static int sbl__material_polished(const sbl_material *m) {
+    return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
 
 /* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance:
@@ -8272,7 +8279,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 /* Writes all materials into their meshes' objects. Computes s->brightest and the bits of s->features that materials
    determine. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
-    int i;
+    int i, polished = 0, panes = 0;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS | SBL__MIRRORS_BLUR);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
@@ -8280,7 +8287,10 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
         sbl_material m = materials[s->geometry.meshes[i].material];
         if (s->draw) m = sbl__material_matte(&m);  /* G-buffers drawn by the draw callback have no lobes */
         s->features |= sbl__material_write(&s->textures, &m, &s->geometry.objects[i], &s->brightest);
+        polished |= sbl__material_polished(&m);
+        panes |= sbl__lets_pass(&s->geometry.objects[i]);
     }
+    if (polished && panes) s->features |= SBL__MIRRORS_BLUR;
 }
 
 /* Default limit of the number of leaves of the store (the interface calls them cells): PER_TRIANGLE for each triangle,
@@ -10383,6 +10393,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces\n",
 "layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe\n",
+"                                             // w: sbl_Mirrored.stored\n",
 "layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no\n",
 "                                             // lobe\n",
 "#endif\n",
@@ -10391,7 +10402,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
-"// without sensors show this mean, because no interpolation between sensors hides the borders of their cells.\n",
+"// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
+"// the borders of their cells.\n",
 "// points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
@@ -10438,14 +10450,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
-"const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
+"const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
 "    vec3 direction;   // direction of the last ray\n",
 "    vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way\n",
 "    vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky\n",
+"    float stored;     // luminance of the stored light in `emission`\n",
 "    int number;       // index in the scene of the triangle that the last ray hits; -1: the camera ray hits nothing\n",
 "    bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane\n",
 "};\n",
@@ -10472,27 +10485,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    }\n",
 "}\n",
 "\n",
-"// Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the\n",
-"// scene; only_diffuse: true: without its specular lobe\n",
+"// Returns the stored light that a surface reflects. number: index of its triangle in the scene; only_diffuse:\n",
+"// true: without its specular lobe\n",
 "vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
-"    if (only_diffuse) return s.emission + sbl_reflected_diffuse(s.material, light);\n",
-"    return s.emission + sbl_reflected(s.material, light);\n",
+"    if (only_diffuse)\n",
+"        return sbl_reflected_diffuse(s.material, sbl_stored(number, s.back, s.position, SBL_UNBOUNDED));\n",
+"    return sbl_reflected(s.material, sbl_stored_smooth(number, s, 25));\n",
 "#else\n",
-"    return s.emission;\n",
-"#endif\n",
-"}\n",
-"\n",
-"// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,\n",
-"// too.\n",
-"vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {\n",
-"#ifdef SBL_BOUNCED\n",
-"    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
-"    vec3 lobe = s.material.roughness >= 0.0 ? sbl_lobe_reflected(s.material, cosine, light) : vec3(0);\n",
-"    return s.emission + sbl_reflected_diffuse(s.material, light) + lobe;\n",
-"#else\n",
-"    return s.emission;\n",
+"    return vec3(0);\n",
 "#endif\n",
 "}\n",
 "\n",
@@ -10563,30 +10564,44 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return mirrored;\n",
 "}\n",
 "\n",
-"// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some\n",
-"// light pass. Its weight is 0 if the ray ends.\n",
-"// hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds\n",
-"sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {\n",
+"// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true, through\n",
+"// a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal shows.\n",
+"// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored\n",
+"sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
 "    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
 "                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
-"    bool passes = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
-"    own = s.emission;\n",
-"    if (passes) own = sbl_pane_radiance(s, number, cosine);\n",
-"    if (passes) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
+"    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
+"    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
 "    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
+"#ifdef SBL_MIRRORS_BLUR\n",
+"    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
+"                 s.material.roughness < SBL_POLISHED;\n",
+"    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
+"        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);\n",
+"        direction = sbl_lobe_sample(l, point, share);\n",
+"        share *= s.material.opacity * ray.weight;\n",
+"    }\n",
+"#endif\n",
 "    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);\n",
 "    return sbl_leaving(s, false, direction, share);\n",
+"}\n",
+"\n",
+"// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.\n",
+"void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {\n",
+"    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);\n",
+"    m.emission += light;\n",
+"    m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));\n",
 "}\n",
 "\n",
 "// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by\n",
 "// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the\n",
 "// surface that it hits.\n",
 "sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {\n",
-"    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
+"    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);\n",
 "    int hits = 0;     // number of surfaces at which the ray `aside` has gone on\n",
@@ -10595,13 +10610,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    // sbl_trace for each call, so both rays share one call.\n",
 "    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {\n",
 "        bool is_aside = (iteration & 1) == 0 && !is_camera;\n",
+"        vec2 point = fract(sample_point + float(iteration + hits) * SBL_POINT_STEP);\n",
 "        if (is_aside && hits == 0) {\n",
 "            bool pane;\n",
-"            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
 "            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror\n",
-"            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
+"            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)\n",
+"                sbl_show_stored(m, s, m.number, true, vec3(1));\n",
+"            if (goes_on) m.emission += m.throughput * s.emission;\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
 "        if (is_aside) ray = aside;\n",
@@ -10621,16 +10638,19 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);\n",
 "        sbl_Leaving further = ray;\n",
 "        further.weight = vec3(0);\n",
-"        vec3 own;\n",
-"        if (is_aside && !is_sky) further = sbl_aside(found, hit.number, ray, hits, own);\n",
+"        bool through = false;\n",
+"        if (is_aside && !is_sky) further = sbl_aside(found, ray, hits, point, through);\n",
+"        bool reflects = further.weight != vec3(0) && !through;\n",
+"        for (int once = 0; once < (is_aside && !is_sky && !reflects ? 1 : 0); once++)\n",
+"            sbl_show_stored(m, found, hit.number, false, ray.weight);\n",
 "        hits = further.weight == vec3(0) ? 0 : hits + 1;\n",
 "        if (hits > 0) {\n",
-"            m.emission += m.throughput * ray.weight * own;\n",
+"            m.emission += m.throughput * ray.weight * found.emission;\n",
 "            aside = further;\n",
 "            iteration--;  // the same iteration is repeated for `further`\n",
 "            continue;\n",
 "        }\n",
-"        if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);\n",
+"        if (is_aside && !is_sky) light = found.emission;\n",
 "        m.emission += m.throughput * ray.weight * light;\n",
 "        if (is_aside) continue;\n",
 "        m.direction = ray.direction;\n",
@@ -10722,7 +10742,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            out_lobe.y = -1.0;\n",
 "            shown = out_emission.rgb = vec3(0);\n",
 "        }\n",
-"        out_specular.rgb *= seen.throughput;\n",
+"        out_specular = vec4(seen.throughput * out_specular.rgb, seen.stored);\n",
 "        shown *= seen.throughput;\n",
 "        out_albedo = vec4(shown, 1);\n",
 "        out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;\n",
@@ -17470,7 +17490,7 @@ typedef struct sbl__pixel_lobe {
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
     float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
-                                 albedo * R and stored light in the lobe cause it */
+                                 albedo * R and stored light, in the lobe and in panes, cause it */
     float light;              /* luminance of R; 0: the lobe is too narrow for its light to change as R does */
 } sbl__pixel_lobe;
 
@@ -21170,6 +21190,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 #define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
 #define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of (number of cells that a lobe sees) / (number of cells that R
                                        depends on), because errors of neighbouring cells are similar */
+#define SBL__PANE_ERROR 0.13f     /* assumed relative error of the stored light that panes show */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {
@@ -21238,7 +21259,8 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* what sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
+/* what sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo and the luminance of the stored
+   light that panes show, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
 /* Returns the standard error that stored light causes in the light of a lobe. The standard error of R is a mean over
@@ -21257,7 +21279,7 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     const float *light = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
     const int shows_stored = sbl__shows_stored(&m->refine, &pixel);
     sbl__pixel_lobe *own = &f->refine.lobes[index];
-    float matte, stored;
+    float matte, stored, panes;
     int k;
     pixel.sensor = 0;
     if (from[SBL__READ_LOBE][1] < 0) pixel.id = 0;
@@ -21265,7 +21287,8 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     own->weight = sbl__luminance(from[SBL__READ_SPECULAR]);
     matte = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
     stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
-    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored);
+    panes = SBL__PANE_ERROR * from[SBL__READ_SPECULAR][3];
+    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
     own->light = own->roughness > SBL__LOBE_FORESEEN ? sbl__luminance(from[SBL__READ_RADIANCE]) : 0;
     f->found |= pixel.id != 0;
     if (sbl__refine_counts(&m->refine, index)) {

@@ -12,6 +12,7 @@ layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
 const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces
 layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe
+                                             // w: sbl_Mirrored.stored
 layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no
                                              // lobe
 #endif
@@ -20,7 +21,8 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 
 #ifdef SBL_BOUNCED
 // Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces
-// without sensors show this mean, because no interpolation between sensors hides the borders of their cells.
+// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides
+// the borders of their cells.
 // points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
@@ -67,14 +69,15 @@ const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at mo
 const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
-const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
+const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
 
 // The surface that a pixel shows in mirrors and behind panes
 struct sbl_Mirrored {
     vec3 direction;   // direction of the last ray
     vec3 throughput;  // product of the reflectances of the mirrors and transmittances of the panes on the way
     vec3 emission;    // emission of the mirrors and panes, light that panes reflect, and light of the sky
+    float stored;     // luminance of the stored light in `emission`
     int number;       // index in the scene of the triangle that the last ray hits; -1: the camera ray hits nothing
     bool sky;         // true: the last ray hits nothing; the surface is then the last mirror or pane
 };
@@ -101,27 +104,15 @@ void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 or
     }
 }
 
-// Returns the radiance of a surface, with reflected stored light. number: index of its triangle in the
-// scene; only_diffuse: true: without its specular lobe
+// Returns the stored light that a surface reflects. number: index of its triangle in the scene; only_diffuse:
+// true: without its specular lobe
 vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
-    if (only_diffuse) return s.emission + sbl_reflected_diffuse(s.material, light);
-    return s.emission + sbl_reflected(s.material, light);
+    if (only_diffuse)
+        return sbl_reflected_diffuse(s.material, sbl_stored(number, s.back, s.position, SBL_UNBOUNDED));
+    return sbl_reflected(s.material, sbl_stored_smooth(number, s, 25));
 #else
-    return s.emission;
-#endif
-}
-
-// Returns the radiance of a surface, without the light that passes through it. Its lobe reflects the stored light,
-// too.
-vec3 sbl_pane_radiance(sbl_Surface s, int number, float cosine) {
-#ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
-    vec3 lobe = s.material.roughness >= 0.0 ? sbl_lobe_reflected(s.material, cosine, light) : vec3(0);
-    return s.emission + sbl_reflected_diffuse(s.material, light) + lobe;
-#else
-    return s.emission;
+    return vec3(0);
 #endif
 }
 
@@ -192,30 +183,44 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
-// Returns the ray with which the ray `aside` continues: reflected by metal, or through a surface that lets some
-// light pass. Its weight is 0 if the ray ends.
-// hits: number of surfaces at which the ray went on before. own: receives the light that the surface adds
-sbl_Leaving sbl_aside(sbl_Surface s, int number, sbl_Leaving ray, int hits, out vec3 own) {
+// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true, through
+// a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal shows.
+// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
+sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
     vec3 passing = sbl_passing(s.object, s.material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
     bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
                   hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
-    bool passes = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
-    own = s.emission;
-    if (passes) own = sbl_pane_radiance(s, number, cosine);
-    if (passes) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
+    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
+    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
     vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
+#ifdef SBL_MIRRORS_BLUR
+    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&
+                 s.material.roughness < SBL_POLISHED;
+    for (int once = 0; once < (blurs ? 1 : 0); once++) {
+        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);
+        direction = sbl_lobe_sample(l, point, share);
+        share *= s.material.opacity * ray.weight;
+    }
+#endif
     if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);
     return sbl_leaving(s, false, direction, share);
+}
+
+// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.
+void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {
+    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);
+    m.emission += light;
+    m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));
 }
 
 // Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by
 // the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the
 // surface that it hits.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {
-    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
+    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);
     sbl_Leaving next, aside;
     bool goes_on = true, is_camera = sbl_misses(number, origin, direction);
     int hits = 0;     // number of surfaces at which the ray `aside` has gone on
@@ -224,13 +229,15 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
     // sbl_trace for each call, so both rays share one call.
     for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {
         bool is_aside = (iteration & 1) == 0 && !is_camera;
+        vec2 point = fract(sample_point + float(iteration + hits) * SBL_POINT_STEP);
         if (is_aside && hits == 0) {
             bool pane;
-            vec2 point = fract(sample_point + float(iteration) * SBL_POINT_STEP);
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
             if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror
-            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
+            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)
+                sbl_show_stored(m, s, m.number, true, vec3(1));
+            if (goes_on) m.emission += m.throughput * s.emission;
         }
         sbl_Leaving ray = next;
         if (is_aside) ray = aside;
@@ -250,16 +257,19 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);
         sbl_Leaving further = ray;
         further.weight = vec3(0);
-        vec3 own;
-        if (is_aside && !is_sky) further = sbl_aside(found, hit.number, ray, hits, own);
+        bool through = false;
+        if (is_aside && !is_sky) further = sbl_aside(found, ray, hits, point, through);
+        bool reflects = further.weight != vec3(0) && !through;
+        for (int once = 0; once < (is_aside && !is_sky && !reflects ? 1 : 0); once++)
+            sbl_show_stored(m, found, hit.number, false, ray.weight);
         hits = further.weight == vec3(0) ? 0 : hits + 1;
         if (hits > 0) {
-            m.emission += m.throughput * ray.weight * own;
+            m.emission += m.throughput * ray.weight * found.emission;
             aside = further;
             iteration--;  // the same iteration is repeated for `further`
             continue;
         }
-        if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);
+        if (is_aside && !is_sky) light = found.emission;
         m.emission += m.throughput * ray.weight * light;
         if (is_aside) continue;
         m.direction = ray.direction;
@@ -351,7 +361,7 @@ void main() {
             out_lobe.y = -1.0;
             shown = out_emission.rgb = vec3(0);
         }
-        out_specular.rgb *= seen.throughput;
+        out_specular = vec4(seen.throughput * out_specular.rgb, seen.stored);
         shown *= seen.throughput;
         out_albedo = vec4(shown, 1);
         out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;

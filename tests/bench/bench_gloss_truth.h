@@ -8,6 +8,7 @@
 #define BENCH_GLOSS_TRUTH_H
 
 enum { GLOSS_NUMBERS = 12, GLOSS_PASSES = 64, GLOSS_MIRRORS = 8 };
+#define GLOSS_TIE 0.005  /* a point this close to an edge, in pixels, lies on it */
 
 /* A surface as light meets it. n is the shading normal, face the geometric one, both on the side of the viewer v. */
 typedef struct gloss_surface {
@@ -418,26 +419,42 @@ static void gloss_find_mirrors(gloss_tracer *g) {
     }
 }
 
-/* Sets kind to 0 where a pixel shows a lamp or the sky, directly or by way of mirrors and panes: there, all pictures
-   are exact. */
+/* Follows the ray through a point of the picture by way of mirrors and panes. Returns 1 and sets `seen` to the surface
+   at its end and *parts to the number of its parts; returns 0 if it ends at a lamp or in the sky. */
+static int gloss_seen(const truth *t, const sbl_picture_desc *view, double x, double y, gloss_surface *seen,
+                      int *parts) {
+    v3 from, d;
+    ref_camera_ray(view, x, y, &from, &d);
+    for (*parts = 1; *parts <= 8; ++*parts) {
+        const ref_hit hit = ref_trace(t->scene, from, d, 0, HUGE_VAL, 0);
+        if (hit.triangle < 0) return 0;
+        *seen = gloss_surface_at(t, hit, d);
+        if (seen->at.emission[0] > 0) return 0;
+        if (seen->through < 0.5 && !(seen->alpha <= 0 && seen->f0 >= 0 && seen->metallic > 0.5)) break;
+        from = v3_mad(seen->at.position, seen->face, seen->through < 0.5 ? TRUTH_OFFSET : -TRUTH_OFFSET);
+        if (seen->through < 0.5) d = gloss_mirrored(seen->v, seen->n);
+    }
+    return 1;
+}
+
+/* Sets kind to 0 where a pixel shows a lamp or the sky, directly or by way of mirrors and panes, because all pictures
+   are exact there; and where the centre of a pixel lies on an edge, because rasterisers round corners to parts of a
+   pixel, so that pictures may show either of two surfaces. */
 static void gloss_leave_out(ref_scene *scene, const sbl_picture_desc *view, unsigned char *kind) {
     truth t;
     int i, j;
     memset(&t, 0, sizeof t);
     t.scene = scene;
     for (i = 0; i < view->width * view->height; i++) {
-        v3 from, d;
-        ref_camera_ray(view, i % view->width + 0.5, i / view->width + 0.5, &from, &d);
-        for (j = 0; j < 8 && kind[i]; j++) {
-            const ref_hit hit = ref_trace(scene, from, d, 0, HUGE_VAL, 0);
-            gloss_surface s;
-            if (hit.triangle < 0) { kind[i] = 0; break; }
-            s = gloss_surface_at(&t, hit, d);
-            if (s.at.emission[0] > 0) kind[i] = 0;
-            if (s.through < 0.5 && !(s.alpha <= 0 && s.f0 >= 0 && s.metallic > 0.5)) break;
-            from = v3_mad(s.at.position, s.face, s.through < 0.5 ? TRUTH_OFFSET : -TRUTH_OFFSET);
-            if (s.through < 0.5) d = gloss_mirrored(s.v, s.n);
-        }
+        const double x = i % view->width + 0.5, y = i / view->width + 0.5;
+        gloss_surface seen, beside;
+        int parts, other;
+        if (!kind[i] || !gloss_seen(&t, view, x, y, &seen, &parts)) { kind[i] = 0; continue; }
+        for (j = 0; j < 4; j++)
+            if (!gloss_seen(&t, view, x + (j & 1 ? GLOSS_TIE : -GLOSS_TIE), y + (j & 2 ? GLOSS_TIE : -GLOSS_TIE),
+                            &beside, &other) ||
+                parts != other || seen.at.mesh != beside.at.mesh || v3_dot(seen.at.face, beside.at.face) < 0.9)
+                kind[i] = 0;
     }
 }
 
