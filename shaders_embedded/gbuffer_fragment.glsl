@@ -183,8 +183,9 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     return mirrored;
 }
 
-// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true, through
-// a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal shows.
+// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,
+// through a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal
+// shows.
 // hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
