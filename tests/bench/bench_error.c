@@ -326,10 +326,11 @@ static sums sum_errors(const room *r, const double *error) {
 
 static void write_pictures(const char *folder, const char *kind, const row *of, const float *R,
                            const float *predicted) {
-    char name[512];
-    snprintf(name, sizeof name, "%s/%s%u_%g.R.pfm", folder, kind, of->seed, 100 * of->target);
+    char name[512], cells[16] = "";
+    if (of->cells) snprintf(cells, sizeof cells, "_%d", of->cells);
+    snprintf(name, sizeof name, "%s/%s%u_%g%s.R.pfm", folder, kind, of->seed, 100 * of->target, cells);
     write_pfm(name, R, 3);
-    snprintf(name, sizeof name, "%s/%s%u_%g.predicted.pfm", folder, kind, of->seed, 100 * of->target);
+    snprintf(name, sizeof name, "%s/%s%u_%g%s.predicted.pfm", folder, kind, of->seed, 100 * of->target, cells);
     write_pfm(name, predicted, 1);
 }
 
