@@ -5,6 +5,9 @@
        build/bench_error --rooms 1000-1003     storeys of twelve rooms, of which the picture shows one
        build/bench_error --error 0             1024 rays at every pixel and no filter, so that only the error of stored
                                                light remains; `predicted` is then that of stored light
+       build/bench_error --cells 40000 --cells 80000
+                                               each room once per value of max_bounce_cells (0: the default). The error
+                                               of one number of cells depends on chance: compare versions by several
        build/bench_error --pictures FOLDER     also writes R and the predicted error of each room to FOLDER
        build/bench_error --gloss --error 0.015 rooms with mirrors, metal, gloss and panes (seeds as above): compares
                                                FINAL with the radiance that a path tracer finds at the pixels' centres
@@ -285,14 +288,15 @@ static double worst_speck(const room *r, const double *light) {
 
 /* >>rows of the result */
 
-typedef struct row { double target, predicted, pixel, noise; unsigned seed; } row;
+typedef struct row { double target, predicted, pixel, noise; unsigned seed; int cells; } row;
 
-/* Renders a room. Returns the seconds, or a negative number if that fails. */
-static double render(sbl_context *context, const room *r, const sbl_picture_desc *view, int matte) {
+/* Renders a room, with at most `cells` cells in the store. Returns the seconds, or a negative number if that fails. */
+static double render(sbl_context *context, const room *r, const sbl_picture_desc *view, int cells, int matte) {
     static sbl_material materials[FURNISHED_MESHES];
     const double start = cpu_seconds();
     sbl_scene_desc scene = r->made->scene;
     int i;
+    scene.max_bounce_cells = cells;
     for (i = 0; i < scene.material_count && matte; i++) {
         materials[i] = scene.materials[i];
         materials[i].ior = materials[i].metallic = materials[i].transmission = 0;
@@ -320,19 +324,30 @@ static sums sum_errors(const room *r, const double *error) {
     return s;
 }
 
-/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone */
+static void write_pictures(const char *folder, const char *kind, const row *of, const float *R,
+                           const float *predicted) {
+    char name[512], cells[16] = "";
+    if (of->cells) snprintf(cells, sizeof cells, "_%d", of->cells);
+    snprintf(name, sizeof name, "%s/%s%u_%g%s.R.pfm", folder, kind, of->seed, 100 * of->target, cells);
+    write_pfm(name, R, 3);
+    snprintf(name, sizeof name, "%s/%s%u_%g%s.predicted.pfm", folder, kind, of->seed, 100 * of->target, cells);
+    write_pfm(name, predicted, 1);
+}
+
+/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone. out->cells:
+   max_bounce_cells */
 static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
     static float R[3 * PIXELS], predicted[PIXELS];
     static double light[PIXELS], error[PIXELS];
     sbl_picture_desc view = r->made->view;
-    double seconds, matte = r->shines ? render(context, r, &view, 1) : 0;
+    double seconds, matte = r->shines ? render(context, r, &view, out->cells, 1) : 0;
     sums s;
     int i;
     view.facet_limit = r->shines ? 0.0f : -1.0f;
     view.samples = r->shines;
     view.target_error = (float)out->target;
     if (!(out->target > 0)) { view.tile = 1; view.options.rays = 1024; view.filter_radius = -1; }
-    seconds = render(context, r, &view, 0);
+    seconds = render(context, r, &view, out->cells, 0);
     if (seconds < 0 || matte < 0 || sbl_read_channel(context, r->shines ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE, R,
                                                      3 * PIXELS) != SBL_SUCCESS ||
         sbl_read_channel(context, SBL_CHANNEL_ERROR, predicted, PIXELS) != SBL_SUCCESS) return 0;
@@ -355,17 +370,11 @@ static int measure(sbl_context *context, const room *r, const char *folder, row 
            100 * block_error(r, error, 1, SMOOTH), 100 * worst_error(r, error), worst_speck(r, light), seconds,
            100 * out->noise);
     if (r->shines) printf(" matte %.1f s,", matte);
+    if (out->cells) printf(" %d cells,", out->cells);
     for (i = 0; i < 3; i++) if (r->made->labels[i]) printf("%s %s", i ? "," : "", r->made->labels[i]);
     printf("\n");
     fflush(stdout);
-    if (folder) {
-        const char *name_of_kind = r->shines ? "gloss" : "";
-        char name[512];
-        snprintf(name, sizeof name, "%s/%s%u_%g.R.pfm", folder, name_of_kind, out->seed, 100 * out->target);
-        write_pfm(name, R, 3);
-        snprintf(name, sizeof name, "%s/%s%u_%g.predicted.pfm", folder, name_of_kind, out->seed, 100 * out->target);
-        write_pfm(name, predicted, 1);
-    }
+    if (folder) write_pictures(folder, r->shines ? "gloss" : "", out, R, predicted);
     return 1;
 }
 
@@ -469,25 +478,34 @@ static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER] "
+    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--cells 80000]... [--pictures FOLDER] "
                     "[--gloss | --gloss-check]\n");
     return 2;
 }
 
+/* Renders a room once, which compiles shaders. Returns 0 if that fails. */
+static int warm_up(sbl_context *context, const room *r) {
+    sbl_picture_desc view = r->made->view;
+    view.target_error = 0.5f;
+    return render(context, r, &view, 0, 0) >= 0;
+}
+
 int main(int argc, char **argv) {
     static unsigned seeds[ROOMS_MOST];
-    static row rows[16 * ROOMS_MOST];
+    static row rows[256 * ROOMS_MOST];
     sbl_context_desc desc = { 0 };
     sbl_context *context = NULL;
     const char *folder = NULL;
     double targets[16];
-    int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1, shines = 0;
+    int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1, shines = 0, cell_count = 0;
+    int cells[16] = { 0 };
     for (i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--gloss-check") == 0) return !gloss_check();
         if (strcmp(argv[i], "--gloss") == 0) { shines = 1; continue; }
         if (i + 1 == argc) return usage();
         if (strcmp(argv[i], "--rooms") == 0) { if (!(count = read_seeds(argv[++i], seeds))) return usage(); }
         else if (strcmp(argv[i], "--error") == 0 && target_count < 16) targets[target_count++] = atof(argv[++i]);
+        else if (strcmp(argv[i], "--cells") == 0 && cell_count < 16) cells[cell_count++] = atoi(argv[++i]);
         else if (strcmp(argv[i], "--pictures") == 0) folder = argv[++i];
         else return usage();
     }
@@ -500,15 +518,11 @@ int main(int argc, char **argv) {
            "errors in %%\n");
     for (i = 0; i < count; i++) {
         room *r = room_make(seeds[i], shines);
-        if (i == 0) {  /* compiles shaders */
-            r->made->view.target_error = 0.5f;
-            ok = sbl_set_scene(context, &r->made->scene) == SBL_SUCCESS &&
-                 sbl_render_picture(context, &r->made->view) == SBL_SUCCESS;
-            r->made->view.target_error = 0;
-        }
-        for (k = 0; k < target_count && ok; k++) {
+        if (i == 0) ok = warm_up(context, r);
+        for (k = 0; k < target_count * (cell_count ? cell_count : 1) && ok; k++) {
             rows[row_count].seed = seeds[i];
-            rows[row_count].target = targets[k];
+            rows[row_count].target = targets[k % target_count];
+            rows[row_count].cells = cells[k / target_count];
             ok = measure(context, r, folder, &rows[row_count++]);
         }
         room_free(r);
