@@ -427,6 +427,47 @@ TEST(gaps_show_their_openings) {
     scene_free(&s);
 }
 
+/* >>narrow charts */
+
+/* A floor of 28 x 2 texels lies along a lamp that stands on its edge: a wall as high as a texel is wide. R at distance
+   d is (1 - d / sqrt(d^2 + 1)) / 2, three times as much in the first row as in the second. Both rows are measured,
+   wherever the chart lies on the grid of tiles. */
+TEST(narrow_charts_are_measured_across) {
+    enum { LONG = 28, SIZE = 48 };
+    int run, i;
+    for (run = 0; run < 4; run++) {
+        static test_scene s;
+        sbl_lightmap_desc desc = map_of(SIZE, SIZE, SBL_MODE_DIRECT);
+        const int first = run < 2 ? 16 : 25, down = run & 1;  /* row or column; at 16, a tile begins */
+        const float low = (float)first / SIZE, high = (float)(first + 2) / SIZE, end = (8.0f + LONG) / SIZE;
+        float uv[8], *light;
+        double off = 0;
+        sbl_mesh *strip;
+        memset(&s, 0, sizeof s);
+        strip = scene_quad(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 0, 0, 2, LONG, 0, 2, LONG, 0, 0);
+        for (i = 0; i < 4; i++) {
+            const float across = i == 1 || i == 2 ? high : low, along = i < 2 ? 8.0f / SIZE : end;
+            uv[2 * i] = down ? across : along;
+            uv[2 * i + 1] = down ? along : across;
+        }
+        uv_set(&s, strip, uv);
+        scene_quad(&s, scene_lamp(&s, 1, 1, 1), -999, 0, 0, 999, 0, 0, 999, 1, 0, -999, 1, 0);
+        desc.target_error = 0.05f;
+        light = bake(&s, &desc);
+        REQUIRE(light, "no lightmap");
+        for (i = 0; i < 2 * LONG; i++) {
+            const int across = first + i % 2, along = 8 + i / 2;
+            const double d = 0.5 + i % 2, R = 0.5 * (1 - d / sqrt(d * d + 1));
+            const double found = (double)light[3 * (down ? along * SIZE + across : across * SIZE + along)];
+            off = fmax(off, fabs(found / R - 1));
+        }
+        printf("  run %d: off by %.1f %%; %d sensors\n", run, 100 * off, (int)sbl_query_stats(context).sensors.sites);
+        CHECK(off < 0.25, "run %d: R is off by %g", run, off);
+        free(light);
+        scene_free(&s);
+    }
+}
+
 /* >>seams */
 
 /* Returns a bilinear sample of the red channel. */
@@ -1229,6 +1270,7 @@ int main(void) {
     RUN(what_lies_on_a_floor_does_not_shine_out);
     RUN(boxes_leave_no_dark_rims);
     RUN(gaps_show_their_openings);
+    RUN(narrow_charts_are_measured_across);
     RUN(seams_of_a_ball);
     RUN(seams_do_not_leak);
     RUN(charts_are_parted_by_the_map);

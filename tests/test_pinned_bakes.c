@@ -411,9 +411,9 @@ static const hash llvmpipe_15[CASES] = {
     0x3ea621949208353fu,  /* matte_picture */
     0x95f9611b7e30c296u,  /* plain_picture */
     0x125935d3f3f6d163u,  /* changed_picture */
-    0x60e2d5ed7629e14eu,  /* directional_lightmap */
-    0xf08bc0c90799d9c9u,  /* grouped_lightmap */
-    0xfa884e45f098f528u,  /* joined_lightmap */
+    0x6a36ff5faaa671ebu,  /* directional_lightmap */
+    0xdd0b96a4180b0e1au,  /* grouped_lightmap */
+    0x290d4f146dc7fc10u,  /* joined_lightmap */
     0xbf7fc1d52c57c28fu,  /* fitted_vertices */
     0xc5989224b05fc9c0u,  /* averaged_vertices */
     0xbcc8eede06ff6b4eu,  /* traced_readings */
