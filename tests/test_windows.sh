@@ -86,7 +86,7 @@ exports_only() {
     grep -v '^sbl_[a-z]' "$folder/exports" | grep -vx main > "$folder/strangers"
     nothing "$folder/strangers"
 }
-# links SOURCE PROGRAM: compiles a file with $target's compiler, and links it for 64 bits. Programs for 32 bits never run,
+# links SOURCE PROGRAM: compiles a file with $target's compiler, and links it for 64 bits. 32-bit programs never run,
 # and minimal.exe below is linked for 32 bits.
 links() {
     case $target in i686) set -- "$1" -fsyntax-only ;; *) set -- "$1" -lopengl32 -lgdi32 -o "$2" ;; esac
