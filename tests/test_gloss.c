@@ -1419,7 +1419,7 @@ TEST(gloss_lights_floors) {
         double wanted = 0;
         for (i = 0; i < STEPS; i++) {
             const double c = (i + 0.5) / STEPS;
-            wanted += 2 / TEST_PI * sqrt(1 - c * c) * lobe_albedo(c, roughness, 0.04) / STEPS;
+            wanted += 2 / TEST_PI * sqrt(1 - c * c) * lobe__albedo(c, roughness, 0.04, 128) / STEPS;
         }
         printf("    roughness %.2f: the wall adds %.4f of %.4f\n", roughness, added, wanted);
         CHECK(fabs(added / wanted - 1) < 0.03, "roughness %g: the wall adds %.4f, not %.4f", roughness, added, wanted);

@@ -154,10 +154,20 @@ check test_adds_up adds_up
 check test_runs_once_without_a_rest runs_once_without_a_rest
 check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" \
     "bad|exit(1)|2 passed, 1 failed, 0 skipped"
-check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "crash|abort()|words"
-check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
-check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" \
-    "late|abort()|3 passed, 0 failed, 0 skipped"
+# says VERDICT NAME KIND COUNTS: the last run must have printed this for a kind of run of a test
+says() { grep -q "^$1 *test_$2 ($3): $4," "$folder/verdict" || { cat "$folder/verdict"; return 1; }; }
+# fails_too NAME COUNTS: both runs of a test must have failed in the last run of scripts/test, with these counts
+fails_too() { says FAIL "$1" sanitized "$2" && says FAIL "$1" rest "$2"; }
+none='0 passed, 1 failed, 0 skipped'
+# one run of scripts/test for several tests that fail, each in its own way
+check test_adds_up_failures fails_with '8 passed, 10 failed, 0 skipped' "$good" "crash|abort()|words" \
+    "early|exit(0)|words" "late|abort()|3 passed, 0 failed, 0 skipped" "status|exit(3)|3 passed, 0 failed, 0 skipped" \
+    "empty|exit(0)|0 passed, 0 failed, 0 skipped"
+check test_fails_on_a_crash fails_too crash "$none"
+check test_fails_on_an_early_exit fails_too early "$none"
+check test_fails_on_a_crash_after_the_counts fails_too late "$none"
+check test_fails_on_a_bad_exit_status fails_too status '3 passed, 1 failed, 0 skipped'
+check test_fails_on_a_test_that_runs_nothing fails_too empty "$none"
 # stops_for WORDS NAME...: scripts/test must fail, and its output must give the reason for which it stopped the test
 stops_for() {
     words=$1
@@ -167,18 +177,16 @@ stops_for() {
 check test_stops_what_goes_round_for_ever env_of TEST_LIMIT_CPU=1 stops_for 'stopped after 1 s of processor time' \
     "round|for (;;) rand()|words"
 check test_stops_what_waits_for_ever env_of TEST_LIMIT_WAIT=9 stops_for 'hung: stopped after 9 s' "wait|sleep(99)|words"
-check test_fails_on_a_bad_exit_status fails_with '8 passed, 2 failed, 0 skipped' "$good" \
-    "status|exit(3)|3 passed, 0 failed, 0 skipped"
-check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 skipped' "$good" \
-    "empty|exit(0)|0 passed, 0 failed, 0 skipped"
 check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" \
     "typo|x|1 passed, 0 failed, 0 skipped"
 check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
 # only sanitizers find these errors
-check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$good" \
-    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one"
-check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
+check test_adds_up_sanitizers fails_with '4 passed, 2 failed, 0 skipped' "$good" \
+    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one" \
     "undefined|volatile int i = 0x7fffffff; i = i + 1|1 passed, 0 failed, 0 skipped"
+sanitized_only() { says FAIL "$1" sanitized "$none" && says ok "$1" rest "$one"; }
+check test_sees_a_heap_overflow sanitized_only overflow
+check test_sees_undefined_behaviour sanitized_only undefined
 check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
     "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
 

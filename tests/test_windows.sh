@@ -86,6 +86,12 @@ exports_only() {
     grep -v '^sbl_[a-z]' "$folder/exports" | grep -vx main > "$folder/strangers"
     nothing "$folder/strangers"
 }
+# links SOURCE PROGRAM: compiles a file with $target's compiler, and links it for 64 bits. 32-bit programs never run,
+# and minimal.exe below is linked for 32 bits.
+links() {
+    case $target in i686) set -- "$1" -fsyntax-only ;; *) set -- "$1" -lopengl32 -lgdi32 -o "$2" ;; esac
+    "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$@"
+}
 gl_types() { "$@" -std=c99 $warnings -Wno-unused -fsyntax-only tests/header/gl_types.c; }
 snippet() {
     {
@@ -93,11 +99,9 @@ snippet() {
         echo '#include "examples/wgl.h"'
         echo 'int main(void) { sbl_context *c = wgl_open("wgl") ? start() : NULL; sbl_destroy(c); return c == NULL; }'
     } > "$folder/wgl_main.c"
-    "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$folder/wgl_main.c" -lopengl32 -lgdi32 -o "$folder/wgl.exe"
+    links "$folder/wgl_main.c" "$folder/wgl.exe"
 }
-windows_program() {
-    "$target-w64-mingw32-gcc" -std=c99 $warnings tests/header/windows.c -lopengl32 -lgdi32 -o "$folder/windows.exe"
-}
+windows_program() { links tests/header/windows.c "$folder/windows.exe"; }
 # the examples are built as README.md says; those that need POSIX are omitted
 examples() {
     # The names of programs end with .exe. For 32 bits one example is enough, because the tests above compile sbl.h

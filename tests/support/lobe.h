@@ -19,7 +19,10 @@ static const double lobe__pi = 3.14159265358979323846;
 
 static inline double lobe__dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static inline double lobe__fresnel(double vh, double f0) { return f0 + (1 - f0) * pow(1 - fmin(vh, 1), 5); }
+static inline double lobe__fresnel(double vh, double f0) {
+    const double rest = 1 - fmin(vh, 1), rest2 = rest * rest;  /* products take a tenth of the time of pow */
+    return f0 + (1 - f0) * rest2 * rest2 * rest;
+}
 
 /* Returns 1 plus the function Lambda of Smith. */
 static inline double lobe__lambda(double cosine, double alpha) {
@@ -45,11 +48,23 @@ static inline double lobe_brdf(const double v[3], const double l[3], double roug
         lobe__visibility(v[2], l[2], alpha);
 }
 
+enum { LOBE__STEPS = 512 };
+
+/* Computes the cosines, and sines unless these are NULL, of the middles of `steps` parts of pi. */
+static inline void lobe__turns(int steps, double *cosines, double *sines) {
+    int i;
+    for (i = 0; i < steps; i++) {
+        cosines[i] = cos((i + 0.5) / steps * lobe__pi);
+        if (sines) sines[i] = sin((i + 0.5) / steps * lobe__pi);
+    }
+}
+
 /* Returns the albedo, which is a mean over half vectors with the density D cos. Their angles to the normal and around
-   it are the points of a grid of steps x steps. */
+   it are the points of a grid of steps x steps. steps: at most LOBE__STEPS */
 static inline double lobe__albedo(double mu, double roughness, double f0, int steps) {
-    double alpha = roughness * roughness, v[3], sum = 0;
+    double cosines[LOBE__STEPS], sines[LOBE__STEPS], alpha = roughness * roughness, v[3], sum = 0;
     int i, j;
+    lobe__turns(steps, cosines, sines);
     v[0] = sqrt(1 - mu * mu);
     v[1] = 0;
     v[2] = mu;
@@ -58,9 +73,9 @@ static inline double lobe__albedo(double mu, double roughness, double f0, int st
         double s = (i + 0.5) / steps, u = s * s * (3 - 2 * s), tangent = alpha * sqrt(u / (1 - u));
         double weight = 6 * s * (1 - s), h_z = 1 / sqrt(1 + tangent * tangent);
         for (j = 0; j < steps; j++) {
-            double turn = (j + 0.5) / steps * lobe__pi, h[3], vh, l_z;
-            h[0] = tangent * h_z * cos(turn);
-            h[1] = tangent * h_z * sin(turn);
+            double h[3], vh, l_z;
+            h[0] = tangent * h_z * cosines[j];
+            h[1] = tangent * h_z * sines[j];
             h[2] = h_z;
             vh = lobe__dot(v, h);
             l_z = 2 * vh * h_z - mu;
@@ -72,7 +87,7 @@ static inline double lobe__albedo(double mu, double roughness, double f0, int st
 }
 
 static inline double lobe_albedo(double mu, double roughness, double f0) {
-    return lobe__albedo(mu, roughness, f0, 512);
+    return lobe__albedo(mu, roughness, f0, LOBE__STEPS);
 }
 
 static inline double lobe_sphere(double roughness, double f0) {
@@ -88,14 +103,12 @@ static inline double lobe_sphere(double roughness, double f0) {
 
 static inline double lobe_matte(double mu) {
     enum { STEPS = 400 };
-    double sum = 0, side = sqrt(1 - mu * mu);
+    double cosines[STEPS], sum = 0, side = sqrt(1 - mu * mu);
     int i, j;
+    lobe__turns(STEPS, cosines, NULL);
     for (i = 0; i < STEPS; i++) {
-        double z2 = (i + 0.5) / STEPS;
-        for (j = 0; j < STEPS; j++) {
-            double vl = mu * sqrt(z2) + side * sqrt(1 - z2) * cos((j + 0.5) / STEPS * lobe__pi);
-            sum += lobe__fresnel(sqrt(fmax(0, 1 + vl) / 2), 0);
-        }
+        double z2 = (i + 0.5) / STEPS, up = mu * sqrt(z2), across = side * sqrt(1 - z2);
+        for (j = 0; j < STEPS; j++) sum += lobe__fresnel(sqrt(fmax(0, 1 + up + across * cosines[j]) / 2), 0);
     }
     return 1 - sum / STEPS / STEPS;
 }
