@@ -190,8 +190,9 @@
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
    from the origin, and whose brightest light is 1e-9 to 1e17: the largest radiance, irradiance of a directional light,
-   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others. A value
-   that overflows never becomes NaN.
+   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others, and
+   sbl_set_mesh_transform if the scene becomes one that is too large or too far away. A value that overflows never
+   becomes NaN.
 
    For a surface point p with normal n:
 
@@ -8340,23 +8341,32 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
+/* Logs warnings about scenes whose size or place makes light inexact. Returns 1 if there are none. quiet: 1: logs
+   nothing */
+static int sbl__scene_warn_size(const sbl__base *base, const sbl__geometry *g, int quiet) {
+    const double away = g->hosts_extent - g->across;
+    const int sized = g->across >= SBL__ACROSS_LEAST && g->across <= SBL__ACROSS_MOST;
+    const int placed = away <= SBL__AWAY_MOST * g->across;
+    if (!sized && !quiet)
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
+                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+    if (!placed && !quiet)
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
+                 "origin, where floats are too coarse; move it to the origin", g->across, away);
+    return sized && placed;
+}
+
 /* Logs warnings about valid scenes that probably contain a mistake. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
-    double shining = s->brightest, away;
+    double shining = s->brightest;
     int i;
     if (!g->triangle_count) return;
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
     if (!(shining > 0))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
-    if (g->across < SBL__ACROSS_LEAST || g->across > SBL__ACROSS_MOST)
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
-                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
-    away = g->hosts_extent - g->across;
-    if (away > SBL__AWAY_MOST * g->across)
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", g->across, away);
+    sbl__scene_warn_size(base, g, 0);
     if (shining > 0 && ((double)s->lights.unit < SBL__SHINES_LEAST || (double)s->lights.unit > SBL__SHINES_MOST))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
                  "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
@@ -8496,6 +8506,7 @@ static sbl_result sbl__scene_settle(sbl__device *d, sbl__scene *s) {
 /* Replaces the transform of a mesh. On SBL_ERROR_INVALID_ARGUMENT, changes nothing. On other errors, restores the old
    transform. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
+    const int sized = sbl__scene_warn_size(d->base, &s->geometry, 1);
     float before[16];
     sbl_result result;
     d->gl.doing = "moving a mesh";
@@ -8507,7 +8518,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     if (result != SBL_SUCCESS) {
         sbl__geometry_move(d, &s->geometry, mesh, before);
         sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
-    }
+    } else if (sized) sbl__scene_warn_size(d->base, &s->geometry, 0);
     sbl__scene_changed(d, s);
     return result;
 }

@@ -1575,6 +1575,31 @@ TEST(warnings) {
     usable("warnings");
 }
 
+/* A mesh that moves so far that the scene becomes too large causes one warning; further such moves cause none. */
+TEST(warnings_of_moves) {
+    static const struct { float x; int warnings; } moves[] = { { 0, 0 }, { 1e3f, 0 }, { 1e11f, 1 }, { 2e11f, 0 },
+                                                               { 0, 0 }, { 1e11f, 1 } };
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    int i;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
+    scene_floor(&s, scene_lamp(&s, 3, 3, 3), 1, 1);
+    desc = scene_desc(&s);
+    CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene: %s", watch_last(&seen));
+    for (i = 0; i < (int)(sizeof moves / sizeof *moves); i++) {
+        const float to[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, moves[i].x, 0, 0, 1 };
+        watch_forget(&seen);
+        CHECK(sbl_set_mesh_transform(context, 1, to) == SBL_SUCCESS && seen.errors == 0 &&
+              seen.warnings == moves[i].warnings, "move %d: %d errors, %d warnings: %s", i, seen.errors, seen.warnings,
+              watch_last(&seen));
+        if (moves[i].warnings)
+            CHECK(seen.messages[0].item == SBL_LOG_ITEM_SCALE, "move %d: the warning is \"%s\"", i, watch_last(&seen));
+    }
+    known_picture();
+    usable("moves");
+    scene_free(&s);
+}
+
 /* The product of a finite emission and a finite texel may overflow a float; such a scene is refused. */
 TEST(radiance_that_overflows) {
     static const float bright[3] = { 8, 8, 8 };
@@ -1644,6 +1669,7 @@ int main(void) {
     RUN(callbacks_that_call_back);
     RUN(sizes_far_apart);
     RUN(warnings);
+    RUN(warnings_of_moves);
     RUN(radiance_that_overflows);
     RUN(nothing_leaked);
     scene_free(&small);
