@@ -3383,16 +3383,26 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
+/* Returns the size of the storage of a buffer, at most 272 bytes more than asked for. Mesa's software renderer compiles
+   a program anew for each combination of buffers whose sizes are powers of two, or have only zeros in bits 8 to 15. No
+   size that this function returns has either property, so that scenes of any size share the compiled programs. */
+static size_t sbl__buffer_room(size_t bytes) {
+    size_t room = SBL__MAX(bytes, 272);
+    while (!(room >> 8 & 255) || !(room & (room - 1))) room += 16;
+    return room;
+}
+
 /* Gives a buffer this size and content (NULL: undefined). Deletes it on failure. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
+    const size_t room = sbl__buffer_room(bytes);
     sbl_result result;
     if (bytes > b->bytes && !sbl__budget_allows(d->base, (double)(bytes - b->bytes))) return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
-    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
-    if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)room, bytes == room ? data : NULL, usage);
+    if (data && bytes && bytes < room) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
     result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS) { sbl__buffer_delete(d, b); return result; }
     sbl__gpu_account(d->base, b->bytes, bytes);

@@ -1,5 +1,5 @@
-/* Tests without GL of the sections topology, solver, seams, interpolation, bounces and refinement of sbl.h: hash
-   tables, welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a
+/* Tests without GL of the sections device, topology, solver, seams, interpolation, bounces and refinement of sbl.h:
+   sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a
    silhouette, light of a leaf, and noise of sensors. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC  /* the compiler then drops unused functions */
@@ -18,6 +18,23 @@ static sbl__slice slice_of(double seconds) {
 }
 
 static int same_tens(const void *user, uint32_t one, uint32_t other) { (void)user; return one / 10 == other / 10; }
+
+/* No buffer has a size for which Mesa's software renderer compiles programs anew, and none is much larger than asked. */
+TEST(buffers_of_all_sizes_share_programs) {
+    static const size_t largest[3] = { 65536, 1u << 24, 1u << 30 };
+    size_t bytes;
+    int i;
+    for (bytes = 0; bytes < 140000; bytes++) {
+        const size_t room = sbl__buffer_room(bytes);
+        CHECK(room >= bytes && room <= bytes + 272 && (room & (room - 1)) && (room >> 8) % 256, "%.0f of %.0f bytes",
+              (double)room, (double)bytes);
+    }
+    for (i = 0; i < 3; i++) {
+        const size_t room = sbl__buffer_room(largest[i]);
+        CHECK(room > largest[i] && room <= largest[i] + 272 && (room >> 8) % 256, "%.0f of %.0f bytes", (double)room,
+              (double)largest[i]);
+    }
+}
 
 /* All keys of this test have the same hash; therefore they are in one chain. Equal keys are found, and the chain keeps
    its order. */
@@ -775,6 +792,7 @@ TEST(glows_cover_their_cell) {
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
+    RUN(buffers_of_all_sizes_share_programs);
     RUN(numbers_are_found_in_order);
     RUN(zeroes_are_the_same);
     RUN(positions_of_two_meshes_differ);
