@@ -1,6 +1,6 @@
 /* Tests without GL of the sections device, topology, solver, seams, interpolation, bounces and refinement of sbl.h:
-   sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a seam, light beside a
-   silhouette, light of a leaf, and noise of sensors. */
+   sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a
+   seam, light beside a silhouette, light of a leaf, and noise of sensors. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC  /* the compiler then drops unused functions */
 #include "../sbl.h"
@@ -19,7 +19,8 @@ static sbl__slice slice_of(double seconds) {
 
 static int same_tens(const void *user, uint32_t one, uint32_t other) { (void)user; return one / 10 == other / 10; }
 
-/* No buffer has a size for which Mesa's software renderer compiles programs anew, and none is much larger than asked. */
+/* No buffer has a size for which Mesa's software renderer compiles programs anew, and none is much larger than asked
+   for. */
 TEST(buffers_of_all_sizes_share_programs) {
     static const size_t largest[3] = { 65536, 1u << 24, 1u << 30 };
     size_t bytes;
