@@ -391,7 +391,8 @@ TEST(past_buffer_textures) {
         fake.texels = 0;
         context = watch_context(&seen, &desc, &crowd);
         REQUIRE(context && render(context, &view, &pictures[i][0]), "%s", watch_last(&seen));
-        CHECK(i ? fake.texels <= MOST_TEXELS : fake.texels > MOST_TEXELS,
+        /* buffers may be 17 texels larger than their content; GL leaves these out */
+        CHECK(i ? fake.texels <= MOST_TEXELS + 17 : fake.texels > MOST_TEXELS + 17,
               "a buffer texture of %d texels was made", fake.texels);
         for (mesh = 6; mesh < 11; mesh++)
             CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));

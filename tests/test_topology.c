@@ -375,6 +375,7 @@ TEST(light_is_linear_beside_silhouettes) {
     sbl__tile tile;
     int i, k, missing;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     memset(&tile, 0, sizeof tile);
     r.pixels = pixels;
     r.sensors = &block;
@@ -586,6 +587,7 @@ TEST(places_that_differ_are_noisy) {
     for (round = 0; round < 2; round++) {
         double noise;
         memset(&r, 0, sizeof r);
+        r.shown2 = 1;
         memset(sites, 0, sizeof sites);
         memset(readings, 0, sizeof readings);
         r.sites = sites;
@@ -615,6 +617,7 @@ TEST(sensors_keep_the_variance_of_a_look) {
     sbl_reading reading;
     sbl__refine r;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     memset(sensors, 0, sizeof sensors);
     memset(&pixel, 0, sizeof pixel);
     memset(&site, 0, sizeof site);

@@ -57,6 +57,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
     memset(&spec, 0, sizeof spec);
     spec.looks = 16;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     memset(&c, 0, sizeof c);
     memset(pixels, 0, sizeof pixels);
     memset(sensors, 0, sizeof sensors);
@@ -100,6 +101,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
 int inside_is_exact(float target, double sensors, double store) {
     static sbl__refine r;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     r.target_error = target;
     r.luminance = 1;
     r.pixels_summed = 100;
@@ -114,6 +116,7 @@ double inside_bought(float target, double error2, const double gains[3]) {
     double sum = 0;
     int i;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     r.target_error = target;
     r.luminance = 1;
     r.pixels_summed = 100;
@@ -129,6 +132,7 @@ double inside_price(float first, float second) {
     static sbl__refine r;
     int i;
     memset(&r, 0, sizeof r);
+    r.shown2 = 1;
     r.target_error = 0.01f;
     r.luminance = 1;
     r.pixels_summed = 100;
