@@ -405,9 +405,10 @@
                   what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
                   in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
                   SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
-                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. So
-                  do scenes with a pane and metal of a roughness of 0.05 to 0.16. All these samples lie at the pixel's
-                  centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured by rays
+                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. The
+                  same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16. All these samples lie at
+                  the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured
+                  by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
                   except that metal of a roughness below 0.5 is itself a mirror there, which samples blur if its
@@ -10472,7 +10473,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
-"const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all\n",
+"const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
@@ -17554,10 +17555,11 @@ typedef struct sbl__pixel_lobe {
                                            R and the mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
                                            shadow */
-#define SBL__NARROW_ERROR 0.6f          /* replaces both in lightmaps if no other sensor stands across the chart: light
-                                           changes much across narrow charts, which are reveals, frames and mouldings.
-                                           Measured in a room: half of the charts that are two texels wide differ by
-                                           more than 0.17 of their R from one side to the other, a tenth by 0.92 */
+#define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
+                                           other sensor stands across the chart: light changes much across narrow
+                                           charts, which are reveals, frames and mouldings. In a room that was measured,
+                                           R differs from one side to the other by more than 0.17 of its mean in half of
+                                           the charts that are two texels wide, and by more than 0.92 in a tenth */
 #define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
                                            between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no

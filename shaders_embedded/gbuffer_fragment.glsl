@@ -66,7 +66,7 @@ uniform bool draws_sample;              // true: the pass draws an anti-aliasing
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
-const int SBL_ASIDE_HITS = 8;           // and goes on at, or through, at most this many surfaces in all
+const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
