@@ -10479,7 +10479,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
-"const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do\n",
+"const int SBL_PANES = 56;               // SBL_MIRRORS does not count the first panes, up to this many, but counts\n",
+"                                        // further panes\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
@@ -13386,8 +13387,8 @@ static const char *const sbl__glsl_reflect[] = {
 "// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe\n",
 "// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps\n",
 "// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
-"// \"Path Space Regularization for Holistic and Robust Light Transport\"). Except in such rays, gloss gets at least\n",
-"// SBL_BLURRED_GLOSS, because it reflects less light.\n",
+"// \"Path Space Regularization for Holistic and Robust Light Transport\"). For all other rays, gloss gets at least\n",
+"// SBL_BLURRED_GLOSS instead of SBL_BLURRED: its highlights are fainter, so that less blur hides the specks.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
@@ -13426,7 +13427,7 @@ static const char *const sbl__glsl_reflect[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// The two rays that leave a hit that is near or shines. Both start at `from`.\n",
+"// The two rays that continue a path, see above. Both start at `from`.\n",
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
 "    vec3 to_lamp;           // unit direction of the ray to a lamp\n",
@@ -13841,8 +13842,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "uniform int mirrored_count;               // number of records in the scene\n",
 "\n",
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light\n",
-"const float SBL_MIRRORED_RAYS = 0.3;      // fraction of the rays that go to mirrored lamps; less for small mirrors\n",
-"                                          // and for wide highlights, which other rays find, too\n",
+"const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
+"                                          // for small mirrors, and for wide highlights, which other rays also find\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.02;   // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
@@ -17675,8 +17676,8 @@ typedef struct sbl__refine {
                                  refined */
     float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
                                  errors of FINAL. NULL: predicted errors are errors of R */
-    double diffuse, specular, shown_pixels;  /* sums over pixels of the luminance of the albedos of surface and lobe;
-                                                number of these pixels */
+    double diffuse, specular; /* sum over pixels of the luminance of the albedo of the surface; the same of its lobe */
+    double shown_pixels;      /* number of pixels in these two sums */
     double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
     float shown2;             /* see sbl__weigh_shown2 */
     float mean_final;         /* luminance of sbl_picture_desc.mean_final */

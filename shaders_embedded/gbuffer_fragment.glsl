@@ -70,7 +70,8 @@ const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or throug
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
-const int SBL_PANES = 56;               // this many panes of a pixel do not count as mirrors; further panes do
+const int SBL_PANES = 56;               // SBL_MIRRORS does not count the first panes, up to this many, but counts
+                                        // further panes
 
 // The surface that a pixel shows in mirrors and behind panes
 struct sbl_Mirrored {

@@ -6,8 +6,8 @@
 // A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
 // (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps
 // that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
-// "Path Space Regularization for Holistic and Robust Light Transport"). Except in such rays, gloss gets at least
-// SBL_BLURRED_GLOSS, because it reflects less light.
+// "Path Space Regularization for Holistic and Robust Light Transport"). For all other rays, gloss gets at least
+// SBL_BLURRED_GLOSS instead of SBL_BLURRED: its highlights are fainter, so that less blur hides the specks.
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
@@ -46,7 +46,7 @@ float sbl_hit_density(sbl_Hit hit, vec3 direction) {
 #endif
 
 #ifdef SBL_BOUNCED
-// The two rays that leave a hit that is near or shines. Both start at `from`.
+// The two rays that continue a path, see above. Both start at `from`.
 struct sbl_Reflection {
     vec3 from;
     vec3 to_lamp;           // unit direction of the ray to a lamp

@@ -1341,32 +1341,38 @@ TEST(furnace_of_a_room) {
     }
 }
 
+/* Returns the descriptor of `count` readings, with all bounces, at the same place: a floor at the origin. */
+static sbl_readings_desc floor_readings(sbl_reading *readings, int count, int rays) {
+    static sbl_site sites[256];
+    sbl_readings_desc desc = { 0 };
+    int i;
+    for (i = 0; i < count; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = count;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = rays;
+    return desc;
+}
+
 /* Returns R of a floor, under the sky or a lamp, beside a wall: black if `metal` is 0, white metal if it is 1, black
    gloss if it is -1. R is the mean of readings of this many rays. spread: receives their standard deviation */
 static double readings_beside(int metal, int lamp, double roughness, int rays, double *spread) {
     enum { RAYS = 32768, SITES = 256 };
     const int count = RAYS / rays;
-    sbl_site sites[SITES];
     sbl_reading readings[SITES];
-    sbl_readings_desc desc = { 0 };
+    const sbl_readings_desc desc = floor_readings(readings, count, rays);
     sbl_scene_desc scene;
     test_scene s = { 0 };
     const int wall = metal > 0 ? scene_gloss(&s, 1, 1, 1, 1, roughness) : metal < 0 ?
         scene_gloss(&s, 0, 0, 0, 0, roughness) : scene_material(&s, 0, 0, 0);
     double mean = 0, squares = 0;
     int i;
-    memset(sites, 0, sizeof sites);
     memset(readings, 0, sizeof readings);
-    for (i = 0; i < count; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
     scene_quad(&s, wall, -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
     if (lamp) scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.5f, 1.5f, -1, 0.5f, 1.5f, 1, 2.5f, 1.5f, 1, 2.5f, 1.5f, -1);
     else scene_sky(&s, 1, 1, 1);
     scene = scene_desc(&s);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = count;
-    desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = rays;
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
           "no reading: %s", watch_last(&seen));
     scene_free(&s);
@@ -1527,16 +1533,9 @@ TEST(mirrored_lamps_are_found) {
         { "gloss", 0, 0, 0.15, 0.04, 0.1 }, { "pane", 0, 1, 0.15, 0.04, 0.3 }, { "metal", 1, 0, 0.3, 1, 0.05 }
     };
     enum { SITES = 256 };
-    static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
-    sbl_readings_desc desc = { 0 };
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
     int kind, i;
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = SITES;
-    desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = 128;
-    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
     for (kind = 0; kind < 6; kind++) {
         const int wall = kind / 2;
         const double metallic = walls[wall].metallic;
@@ -1587,17 +1586,10 @@ static double mirrored_beside(const sbl_light *l) {
    that find them are exact all the same. */
 TEST(lamps_beside_mirrors) {
     enum { SITES = 64 };
-    static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
     static const float heights[2] = { 0.03f, 0.0011f };
-    sbl_readings_desc desc = { 0 };
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
     int kind, i;
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = SITES;
-    desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = 128;
-    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
     for (kind = 0; kind < 2; kind++) {
         test_scene s = { 0 };
         sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3);
@@ -1622,26 +1614,19 @@ TEST(lamps_beside_mirrors) {
 /* Readings of light that a mirror reflects from the sun do not depend on the unit of length. */
 TEST(mirrored_suns_have_no_unit) {
     enum { SITES = 64 };
-    static sbl_site sites[SITES];
     static sbl_reading readings[2][SITES];
-    sbl_readings_desc desc = { 0 };
     double worst = 0;
     int small_unit, i;
-    desc.sites = sites;
-    desc.site_count = SITES;
-    desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = 32;
-    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
     for (small_unit = 0; small_unit < 2; small_unit++) {
         const float unit_of = small_unit ? 1.0f / (1 << 20) : 1;
         test_scene s = { 0 };
         sbl_light *l = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3);
+        const sbl_readings_desc desc = floor_readings(readings[small_unit], SITES, 32);
         sbl_scene_desc scene;
         l->direction[0] = l->direction[1] = -1;
         scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -0.2f, -1, -1, -0.2f, -1, 1, -0.2f, 0.3f, 1, -0.2f, 0.3f, -1);
         scene_scale_and_move(&s, unit_of, 0, 0, 0);
         scene = scene_desc(&s);
-        desc.readings = readings[small_unit];
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
                 "no reading: %s", watch_last(&seen));
         scene_free(&s);

@@ -334,8 +334,8 @@ static void write_pictures(const char *folder, const char *kind, const row *of, 
     write_pfm(name, predicted, 1);
 }
 
-/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone. out->cells:
-   max_bounce_cells */
+/* Renders a room and prints a row. out->target is the target error; if it is 0, only the error of stored light is
+   measured. out->cells is max_bounce_cells; 0 is its default. */
 static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
     static float R[3 * PIXELS], predicted[PIXELS];
     static double light[PIXELS], error[PIXELS];
