@@ -6973,7 +6973,7 @@ SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__S
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
 /* For a directional light, position is the direction towards it, and radius the squared sine of half its angle. At an
-   angle a to its axis, a spot's intensity is multiplied by clamp(spot_scale * cos a + spot_offset, 0, 1)^2. */
+   angle a to its axis, a spot's intensity is multiplied by clamp(spot_offset - spot_scale * (1 - cos a), 0, 1)^2. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
@@ -7011,7 +7011,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_LEAST 0.001         /* smallest difference of the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__SPOT_EDGE 0.001          /* smallest difference of 1 - cosine of a spot's two cones, / that of the outer */
+#define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
                                          point) */
@@ -7155,11 +7156,18 @@ static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lam
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
+/* Returns 1 - cosine of half an angle in degrees, without the loss of digits that small angles would cause. */
+static double sbl__versine(float angle) {
+    const double sine = sin(0.25 * (double)angle * SBL__PI / 180);
+    return 2 * sine * sine;
+}
+
 /* Makes the record of a light. position: receives its position, or the direction towards a directional light */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double position[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
-    const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
-    const double scale = 1 / SBL__MAX(SBL__SPOT_LEAST, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
+    const double half = 0.5 * light->angle * SBL__PI / 180, outer = sbl__versine(SBL__CONE(light));
+    const double edge = SBL__MAX(outer - sbl__versine(light->inner_cone), SBL__SPOT_EDGE * outer);
+    const double scale = 1 / SBL__MAX(edge, 1 / SBL__SPOT_SCALE_MOST);
     double axis[3];
     int k;
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
@@ -7172,7 +7180,7 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     }
     record->radius = (float)(distant ? sin(half) * sin(half) : light->radius);
     record->spot_scale = (float)(spot ? scale : 0);
-    record->spot_offset = (float)(spot ? -outer * scale : 1);
+    record->spot_offset = (float)(spot ? outer * scale : 1);
 }
 
 static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
@@ -11870,8 +11878,9 @@ static const char *const sbl__glsl_lamp[] = {
 "            l.radius = l.sine2;\n",
 "            l.away = length(l.corner);\n",
 "            l.corner /= max(l.away, 1e-30);\n",
-"            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
-"                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
+"            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)\n",
+"            float spot = clamp(sbl_light_spot_offset(int(at)) -\n",
+"                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);\n",
 "            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",

@@ -47,11 +47,17 @@ static double cone_share(v3 p, v3 n, v3 axis, double half, const edge *e) {
     return sum;
 }
 
-/* Returns the share of the intensity of a spot in the direction d, as KHR_lights_punctual defines it. */
+/* Returns 1 - cosine of half the cone of a spot. */
+static double spot_versine(const sbl_light *l) {
+    return 2 * pow(sin((l->cone > 0 ? (double)l->cone : 90) * REF_PI / 720), 2);
+}
+
+/* Returns the share of the intensity of a spot in the direction d, as sbl_light defines it. If both cones are equal,
+   the edge is slightly soft. */
 static double spot_share(const sbl_light *l, v3 d) {
-    double outer = cos((l->cone > 0 ? (double)l->cone : 90) * REF_PI / 360),
-        inner = cos((double)l->inner_cone * REF_PI / 360);
-    double share = (v3_dot(v3_unit(v3_from(l->direction)), d) - outer) / fmax(0.001, inner - outer);
+    const double outer = spot_versine(l), inner = 2 * pow(sin((double)l->inner_cone * REF_PI / 720), 2);
+    const v3 off = v3_sub(d, v3_unit(v3_from(l->direction)));
+    const double share = (outer - 0.5 * v3_dot(off, off)) / fmax(0.001 * outer, outer - inner);
     return share < 0 ? 0 : share > 1 ? 1 : share * share;
 }
 
@@ -277,13 +283,14 @@ TEST(fully_visible_raster) { fully_visible(SBL_BACKEND_RASTER, 1, 0.003, 0.003);
    space, and is 0 outside. */
 TEST(spot_cones) {
     static const float cones[][2] = { { 90, 0 }, { 0, 45 }, { 30, 30 }, { 60, 59.9f }, { 170, 100 }, { 180, 180 },
-        { 180, 0 } };
+        { 180, 0 }, { 4, 3 }, { 2, 0 }, { 0.5f, 0 } };
     int i, x, way;
     for (i = 0; i < (int)(sizeof cones / sizeof *cones); i++)
         for (way = 0; way < 2; way++) {
             test_scene s = { 0 };
             sbl_scene_desc desc;
-            sbl_picture_desc view = patch(64, 1, 4.0 / 64, 0, 0, 1);
+            const double narrow = cones[i][0] > 0 && cones[i][0] < 5 ? sin((double)cones[i][0] * REF_PI / 180) : 0;
+            sbl_picture_desc view = patch(64, 1, (narrow > 0 ? 2 * narrow : 4) / 64, narrow > 0 ? 0.1 : 0, 0, 1);
             ref_scene *scene;
             sbl_light *l;
             double worst = 0, brightest = 0;
@@ -303,9 +310,8 @@ TEST(spot_cones) {
                 for (x = 0; x < view.width; x++) {
                     ref_point p = ref_pixel(scene, &view, x, 0);
                     v3 d = v3_unit(v3_sub(p.position, v3_from(l->position)));
-                    double expected[3], step = cos(0.5 * REF_PI / 180 * (double)(l->cone > 0 ? l->cone : 90)) -
-                        v3_dot(d, v3_unit(v3_from(l->direction)));
-                    if (fabs(step) < 1e-5) continue;
+                    double expected[3], step = 1 - v3_dot(d, v3_unit(v3_from(l->direction))) - spot_versine(l);
+                    if (fabs(step) < 1e-5 * fmin(10 * spot_versine(l), 1)) continue;
                     truth(scene, p.position, p.normal, NULL, expected);
                     dark += expected[0] == 0;
                     if (expected[0] == 0)
