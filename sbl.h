@@ -7103,14 +7103,9 @@ static void sbl__lights_settle(sbl__lights *l, const float centre[3]) {
             sbl__from_host(centre, l->list[i].position, l->list[i].position);
 }
 
-/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
-static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
-                                   float brightest, float extent) {
+/* Sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
+static void sbl__lights_measure(sbl__lights *l, float brightest, float extent) {
     int i;
-    l->count = count;
-    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
-    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
-    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
     l->unit = brightest;
     for (i = 0; i < l->count; i++) {
         double intensity = sbl__max3(l->list[i].intensity);
@@ -7118,6 +7113,16 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
         l->unit = SBL__MAX(l->unit, (float)SBL__MIN(intensity, SBL__POWER_MOST));
     }
     l->unit = SBL__MAX(l->unit, 1e-30f);
+}
+
+/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lights_measure */
+static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
+                                   float brightest, float extent) {
+    l->count = count;
+    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
+    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
+    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
+    sbl__lights_measure(l, brightest, extent);
     return SBL_SUCCESS;
 }
 
@@ -8540,6 +8545,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
         sbl__geometry_move(d, &s->geometry, mesh, before);
         sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
     } else if (sized) sbl__scene_warn_size(d->base, &s->geometry, 0);
+    sbl__lights_measure(&s->lights, s->brightest, s->geometry.extent);
     sbl__scene_changed(d, s);
     return result;
 }
