@@ -308,8 +308,8 @@
    overlap in another way add up.
 
    The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
-   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
-   sampled where the rays meet the lamp, which adds noise even without obstruction.
+   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture and
+   the holes of a lamp are sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
    lights without size get only one ray each. If there are more than 256 lamps, those that are small for their distance
@@ -5928,6 +5928,14 @@ static const char *const sbl__glsl_material[] = {
 "// Returns the factor of sbl_emission at a point: emission texture times opacity.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
 "    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
+"}\n",
+"\n",
+"// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.\n",
+"vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {\n",
+"    vec3 pattern = sbl_emission_pattern(object, at);\n",
+"    for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)\n",
+"        if (sbl_material(object, at).cut_out) pattern = vec3(0);\n",
+"    return pattern;\n",
 "}\n",
 "\n",
 "// Returns true if sbl_outgoing does not read `at`.\n",
@@ -12161,7 +12169,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2), point);\n",
 "    }\n",
 "    sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);\n",
-"    return l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);\n",
+"    return l.glow ? sbl_glow_pattern(object, at) : sbl_solid_emission_pattern(object, at);\n",
 "}\n",
 "#endif\n",
 0 };
@@ -12441,6 +12449,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 sure = vec3(0), sampled = vec3(0);       // see above\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
+"vec2 factors = vec2(0), factor_squares = vec2(0);  // by facing: sums, over the rays in `lit`, of the factor by\n",
+"                                              // which textures and panes change luminance, and of its square\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
 "float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`\n",
 "#ifdef SBL_LOBE\n",
@@ -12503,6 +12513,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
+"    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
 "    light *= filtered;\n",
 "    unhindered *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
@@ -12522,6 +12533,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        seen += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(seen_layers, l, unhindered);\n",
 "        lit += l.facing;\n",
+"        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;\n",
+"        factors += factor * l.facing;\n",
+"        factor_squares += factor * factor * l.facing;\n",
 "#ifdef SBL_LOBE\n",
 "        vec3 rest = light - unhindered;\n",
 "        float mean = dot(rest, SBL_LUMINANCE);\n",
@@ -12598,6 +12612,13 @@ static const char *const sbl__glsl_lamps[] = {
 "        for (int i = 0; i < SBL_GROUPS; i++)\n",
 "            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
 "                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);\n",
+"#endif\n",
+"#if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)\n",
+"        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.\n",
+"        float factor = factors[g] / max(lit[g], 1.0);\n",
+"        float varies = max(factor_squares[g] / max(lit[g], 1.0) - factor * factor, 0.0);\n",
+"        r.light.a += mean * mean * lit_share * varies / max(samples[g], 1.0);\n",
+"        mean *= factor;\n",
 "#endif\n",
 "        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);\n",
 "    }\n",

@@ -364,6 +364,6 @@ vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
         b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2), point);
     }
     sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);
-    return l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);
+    return l.glow ? sbl_glow_pattern(object, at) : sbl_solid_emission_pattern(object, at);
 }
 #endif

@@ -230,8 +230,8 @@ TEST(moving) {
     sbl_destroy(context);
 }
 
-/* A mesh is set far away, as hosts do with meshes that they do not need yet, and moved to its place. The light is that of
-   a scene in which it has always been there, although the size of the scene has changed. */
+/* A mesh is set far away, as hosts do with meshes that they do not need yet, and moved to its place. The light is that
+   of a scene in which it has always been there, although the size of the scene has changed. */
 TEST(moving_from_afar) {
     static const float afar[2] = { 1e8f, 1e10f };  /* for the second, sbl_set_scene warns */
     sbl_context_desc desc = watch_desc(&seen);
