@@ -308,8 +308,8 @@
    overlap in another way add up.
 
    The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
-   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
-   sampled where the rays meet the lamp, which adds noise even without obstruction.
+   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture and
+   the holes of a lamp are sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
    lights without size get only one ray each. If there are more than 256 lamps, those that are small for their distance
@@ -5930,6 +5930,14 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
+"// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.\n",
+"vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {\n",
+"    vec3 pattern = sbl_emission_pattern(object, at);\n",
+"    for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)\n",
+"        if (sbl_material(object, at).cut_out) pattern = vec3(0);\n",
+"    return pattern;\n",
+"}\n",
+"\n",
 "// Returns true if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
 "#if !defined(SBL_TEXTURED)\n",
@@ -6973,7 +6981,7 @@ SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__S
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
 /* For a directional light, position is the direction towards it, and radius the squared sine of half its angle. At an
-   angle a to its axis, a spot's intensity is multiplied by clamp(spot_scale * cos a + spot_offset, 0, 1)^2. */
+   angle a to its axis, a spot's intensity is multiplied by clamp(spot_offset - spot_scale * (1 - cos a), 0, 1)^2. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
@@ -7011,7 +7019,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_LEAST 0.001         /* smallest difference of the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__SPOT_EDGE 0.001          /* smallest difference of 1 - cosine of a spot's two cones, / that of the outer */
+#define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
                                          point) */
@@ -7102,14 +7111,9 @@ static void sbl__lights_settle(sbl__lights *l, const float centre[3]) {
             sbl__from_host(centre, l->list[i].position, l->list[i].position);
 }
 
-/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
-static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
-                                   float brightest, float extent) {
+/* Sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
+static void sbl__lights_measure(sbl__lights *l, float brightest, float extent) {
     int i;
-    l->count = count;
-    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
-    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
-    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
     l->unit = brightest;
     for (i = 0; i < l->count; i++) {
         double intensity = sbl__max3(l->list[i].intensity);
@@ -7117,6 +7121,16 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
         l->unit = SBL__MAX(l->unit, (float)SBL__MIN(intensity, SBL__POWER_MOST));
     }
     l->unit = SBL__MAX(l->unit, 1e-30f);
+}
+
+/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lights_measure */
+static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
+                                   float brightest, float extent) {
+    l->count = count;
+    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
+    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
+    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
+    sbl__lights_measure(l, brightest, extent);
     return SBL_SUCCESS;
 }
 
@@ -7155,11 +7169,18 @@ static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lam
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
+/* Returns 1 - cosine of half an angle in degrees, without the loss of digits that small angles would cause. */
+static double sbl__versine(float angle) {
+    const double sine = sin(0.25 * (double)angle * SBL__PI / 180);
+    return 2 * sine * sine;
+}
+
 /* Makes the record of a light. position: receives its position, or the direction towards a directional light */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double position[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
-    const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
-    const double scale = 1 / SBL__MAX(SBL__SPOT_LEAST, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
+    const double half = 0.5 * light->angle * SBL__PI / 180, outer = sbl__versine(SBL__CONE(light));
+    const double edge = SBL__MAX(outer - sbl__versine(light->inner_cone), SBL__SPOT_EDGE * outer);
+    const double scale = 1 / SBL__MAX(edge, 1 / SBL__SPOT_SCALE_MOST);
     double axis[3];
     int k;
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
@@ -7172,7 +7193,7 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     }
     record->radius = (float)(distant ? sin(half) * sin(half) : light->radius);
     record->spot_scale = (float)(spot ? scale : 0);
-    record->spot_offset = (float)(spot ? -outer * scale : 1);
+    record->spot_offset = (float)(spot ? outer * scale : 1);
 }
 
 static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
@@ -8532,6 +8553,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
         sbl__geometry_move(d, &s->geometry, mesh, before);
         sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
     } else if (sized) sbl__scene_warn_size(d->base, &s->geometry, 0);
+    sbl__lights_measure(&s->lights, s->brightest, s->geometry.extent);
     sbl__scene_changed(d, s);
     return result;
 }
@@ -11870,8 +11892,9 @@ static const char *const sbl__glsl_lamp[] = {
 "            l.radius = l.sine2;\n",
 "            l.away = length(l.corner);\n",
 "            l.corner /= max(l.away, 1e-30);\n",
-"            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
-"                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
+"            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)\n",
+"            float spot = clamp(sbl_light_spot_offset(int(at)) -\n",
+"                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);\n",
 "            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
@@ -12146,7 +12169,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2), point);\n",
 "    }\n",
 "    sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);\n",
-"    return l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);\n",
+"    return l.glow ? sbl_glow_pattern(object, at) : sbl_solid_emission_pattern(object, at);\n",
 "}\n",
 "#endif\n",
 0 };
@@ -12426,6 +12449,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 sure = vec3(0), sampled = vec3(0);       // see above\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
+"vec2 factors = vec2(0), factor_squares = vec2(0);  // by facing: sums, over the rays in `lit`, of the factor by\n",
+"                                              // which textures and panes change luminance, and of its square\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
 "float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`\n",
 "#ifdef SBL_LOBE\n",
@@ -12488,6 +12513,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
+"    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
 "    light *= filtered;\n",
 "    unhindered *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
@@ -12507,6 +12533,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        seen += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(seen_layers, l, unhindered);\n",
 "        lit += l.facing;\n",
+"        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;\n",
+"        factors += factor * l.facing;\n",
+"        factor_squares += factor * factor * l.facing;\n",
 "#ifdef SBL_LOBE\n",
 "        vec3 rest = light - unhindered;\n",
 "        float mean = dot(rest, SBL_LUMINANCE);\n",
@@ -12583,6 +12612,13 @@ static const char *const sbl__glsl_lamps[] = {
 "        for (int i = 0; i < SBL_GROUPS; i++)\n",
 "            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
 "                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);\n",
+"#endif\n",
+"#if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)\n",
+"        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.\n",
+"        float factor = factors[g] / max(lit[g], 1.0);\n",
+"        float varies = max(factor_squares[g] / max(lit[g], 1.0) - factor * factor, 0.0);\n",
+"        r.light.a += mean * mean * lit_share * varies / max(samples[g], 1.0);\n",
+"        mean *= factor;\n",
 "#endif\n",
 "        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);\n",
 "    }\n",

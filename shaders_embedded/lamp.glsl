@@ -87,8 +87,9 @@ sbl_Lamp sbl_lamp(int leaf) {
             l.radius = l.sine2;
             l.away = length(l.corner);
             l.corner /= max(l.away, 1e-30);
-            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
-                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
+            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)
+            float spot = clamp(sbl_light_spot_offset(int(at)) -
+                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);
             if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light
             l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
@@ -363,6 +364,6 @@ vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
         b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2), point);
     }
     sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);
-    return l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);
+    return l.glow ? sbl_glow_pattern(object, at) : sbl_solid_emission_pattern(object, at);
 }
 #endif

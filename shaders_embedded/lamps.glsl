@@ -270,6 +270,8 @@ mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' li
 vec3 sure = vec3(0), sampled = vec3(0);       // see above
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
+vec2 factors = vec2(0), factor_squares = vec2(0);  // by facing: sums, over the rays in `lit`, of the factor by
+                                              // which textures and panes change luminance, and of its square
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
 float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`
 #ifdef SBL_LOBE
@@ -332,6 +334,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
     if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);
 #endif
+    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);
     light *= filtered;
     unhindered *= filtered;
     if (reporting && !point) report.rgb = light;
@@ -351,6 +354,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         seen += outerProduct(unhindered, l.facing);
         sbl_add_layers(seen_layers, l, unhindered);
         lit += l.facing;
+        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;
+        factors += factor * l.facing;
+        factor_squares += factor * factor * l.facing;
 #ifdef SBL_LOBE
         vec3 rest = light - unhindered;
         float mean = dot(rest, SBL_LUMINANCE);
@@ -427,6 +433,13 @@ sbl_Result sbl_combine() {
         for (int i = 0; i < SBL_GROUPS; i++)
             r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *
                            (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);
+#endif
+#if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)
+        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.
+        float factor = factors[g] / max(lit[g], 1.0);
+        float varies = max(factor_squares[g] / max(lit[g], 1.0) - factor * factor, 0.0);
+        r.light.a += mean * mean * lit_share * varies / max(samples[g], 1.0);
+        mean *= factor;
 #endif
         r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);
     }

@@ -124,6 +124,14 @@ vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
     return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
+// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.
+vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {
+    vec3 pattern = sbl_emission_pattern(object, at);
+    for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)
+        if (sbl_material(object, at).cut_out) pattern = vec3(0);
+    return pattern;
+}
+
 // Returns true if sbl_outgoing does not read `at`.
 bool sbl_outgoing_is_plain(int object, bool back) {
 #if !defined(SBL_TEXTURED)

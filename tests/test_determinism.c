@@ -230,6 +230,41 @@ TEST(moving) {
     sbl_destroy(context);
 }
 
+/* A mesh is set far away, as hosts do with meshes that they do not need yet, and moved to its place. The light is that
+   of a scene in which it has always been there, although the size of the scene has changed. */
+TEST(moving_from_afar) {
+    static const float afar[2] = { 1e8f, 1e10f };  /* for the second, sbl_set_scene warns */
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_site site = { { 0.01f, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 };
+    sbl_reading readings[2];
+    sbl_readings_desc gather = { 0 };
+    test_scene s = { 0 };
+    sbl_light *light = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
+    int i, fresh;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
+    scene_quad(&s, 0, -0.5f, 0.1f, -0.5f, -0.3f, 0.1f, -0.5f, -0.3f, 0.3f, -0.5f, -0.5f, 0.3f, -0.5f);
+    light->position[1] = 0.1f;
+    light->radius = 0.01f;
+    gather.sites = &site;
+    gather.site_count = 1;
+    gather.options.mode = SBL_MODE_DIRECT;
+    for (i = 0; i < 2; i++) {
+        for (fresh = 0; fresh < 2; fresh++) {
+            sbl_context *context;
+            memcpy(s.meshes[1].transform, places[3], sizeof places[3]);
+            s.meshes[1].transform[12] = fresh ? 0 : afar[i];
+            context = watch_context(&seen, &desc, &s);
+            gather.readings = &readings[fresh];
+            REQUIRE(context && sbl_set_mesh_transform(context, 1, places[3]) == SBL_SUCCESS &&
+                    sbl_gather_readings(context, &gather) == SBL_SUCCESS, "%s", watch_last(&seen));
+            sbl_destroy(context);
+        }
+        CHECK(!memcmp(&readings[0], &readings[1], sizeof readings[0]), "moved from %g: R is %.9g, expected %.9g",
+              (double)afar[i], (double)readings[0].radiance[0], (double)readings[1].radiance[0]);
+    }
+    scene_free(&s);
+}
+
 /* >>seeds */
 
 /* The same seed gives the same picture. Another seed changes pixels, but hardly the mean of R. */
@@ -689,6 +724,7 @@ int main(void) {
         else RUN(atlas_sizes);
         if (!i) RUN_PLAIN(past_buffer_textures);
     }
+    RUN(moving_from_afar);
     RUN(nothing_leaked);
     scene_free(&cornell);
     return test_report();

@@ -47,11 +47,17 @@ static double cone_share(v3 p, v3 n, v3 axis, double half, const edge *e) {
     return sum;
 }
 
-/* Returns the share of the intensity of a spot in the direction d, as KHR_lights_punctual defines it. */
+/* Returns 1 - cosine of half the cone of a spot. */
+static double spot_versine(const sbl_light *l) {
+    return 2 * pow(sin((l->cone > 0 ? (double)l->cone : 90) * REF_PI / 720), 2);
+}
+
+/* Returns the share of the intensity of a spot in the direction d, as sbl_light defines it. If both cones are equal,
+   the edge is slightly soft. */
 static double spot_share(const sbl_light *l, v3 d) {
-    double outer = cos((l->cone > 0 ? (double)l->cone : 90) * REF_PI / 360),
-        inner = cos((double)l->inner_cone * REF_PI / 360);
-    double share = (v3_dot(v3_unit(v3_from(l->direction)), d) - outer) / fmax(0.001, inner - outer);
+    const double outer = spot_versine(l), inner = 2 * pow(sin((double)l->inner_cone * REF_PI / 720), 2);
+    const v3 off = v3_sub(d, v3_unit(v3_from(l->direction)));
+    const double share = (outer - 0.5 * v3_dot(off, off)) / fmax(0.001 * outer, outer - inner);
     return share < 0 ? 0 : share > 1 ? 1 : share * share;
 }
 
@@ -277,13 +283,14 @@ TEST(fully_visible_raster) { fully_visible(SBL_BACKEND_RASTER, 1, 0.003, 0.003);
    space, and is 0 outside. */
 TEST(spot_cones) {
     static const float cones[][2] = { { 90, 0 }, { 0, 45 }, { 30, 30 }, { 60, 59.9f }, { 170, 100 }, { 180, 180 },
-        { 180, 0 } };
+        { 180, 0 }, { 4, 3 }, { 2, 0 }, { 0.5f, 0 } };
     int i, x, way;
     for (i = 0; i < (int)(sizeof cones / sizeof *cones); i++)
         for (way = 0; way < 2; way++) {
             test_scene s = { 0 };
             sbl_scene_desc desc;
-            sbl_picture_desc view = patch(64, 1, 4.0 / 64, 0, 0, 1);
+            const double narrow = cones[i][0] > 0 && cones[i][0] < 5 ? sin((double)cones[i][0] * REF_PI / 180) : 0;
+            sbl_picture_desc view = patch(64, 1, (narrow > 0 ? 2 * narrow : 4) / 64, narrow > 0 ? 0.1 : 0, 0, 1);
             ref_scene *scene;
             sbl_light *l;
             double worst = 0, brightest = 0;
@@ -303,9 +310,8 @@ TEST(spot_cones) {
                 for (x = 0; x < view.width; x++) {
                     ref_point p = ref_pixel(scene, &view, x, 0);
                     v3 d = v3_unit(v3_sub(p.position, v3_from(l->position)));
-                    double expected[3], step = cos(0.5 * REF_PI / 180 * (double)(l->cone > 0 ? l->cone : 90)) -
-                        v3_dot(d, v3_unit(v3_from(l->direction)));
-                    if (fabs(step) < 1e-5) continue;
+                    double expected[3], step = 1 - v3_dot(d, v3_unit(v3_from(l->direction))) - spot_versine(l);
+                    if (fabs(step) < 1e-5 * fmin(10 * spot_versine(l), 1)) continue;
                     truth(scene, p.position, p.normal, NULL, expected);
                     dark += expected[0] == 0;
                     if (expected[0] == 0)
@@ -584,13 +590,13 @@ TEST(lamps_at_one_place) {
     }
 }
 
-/* A lamp whose texture is half black gives half of the light. Interpolation blurs the border over one texel of 64,
-   symmetrically. */
+/* A lamp whose texture is half black, or of which one half is a hole, gives half of the light. Interpolation blurs the
+   border over one texel of 64, symmetrically. */
 TEST(textured_lamp) {
     static float pixels[64 * 4];
-    int way, i, half;
+    int way, i, half, holes;
     for (way = 0; way < 2; way++)
-        for (half = 0; half < 2; half++) {
+        for (half = 0; half < (way ? 2 : 3); half++) {
             test_scene s = { 0 }, bright = { 0 };
             sbl_picture_desc view = patch(way ? 4 : 24, way ? 3 : 18, 0.5, 0.05, 0.1, 1);
             float corners[12] = { -0.4f, 1, -0.3f, 0.4f, 1, -0.3f, 0.4f, 1.2f, 0.3f, -0.4f, 1.2f, 0.3f };
@@ -599,15 +605,19 @@ TEST(textured_lamp) {
             ref_scene *scene;
             int lamp = scene_lamp(&bright, 0, 0, 0);
             view.options.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
-            for (i = 0; i < 64 * 4; i++) pixels[i] = (float)((i % 4 == 3) | ((i >= 32 * 4) == half));
+            holes = half / 2;
+            for (i = 0; i < 64 * 4; i++)
+                pixels[i] = (float)((i % 4 == 3) != holes || (i >= 32 * 4) == half % 2);
             add_floor(&s);
-            s.materials[scene_lamp(&s, 2, 1, 0.5f)].emission_texture =
+            scene_lamp(&s, 2, 1, 0.5f);
+            *(holes ? &s.materials[1].albedo_texture : &s.materials[1].emission_texture) =
                 scene_texture(&s, pixels, sizeof pixels, SBL_PIXELS_FLOAT, 64, 1, 4);
+            s.materials[1].alpha_cutoff = holes ? 0.5f : 0;
             s.materials[1].flags = SBL_MATERIAL_HIDDEN_FROM_CAMERA;
             s.textures[0].wrap = SBL_WRAP_CLAMP;
             scene_quad_uv(&s, 1, corners, 1, 1);
             bright.materials[lamp].emission[0] = 2;
-            for (i = 0; i < 4; i++) if ((corners[3 * i] > 0) != half) corners[3 * i] = 0;
+            for (i = 0; i < 4; i++) if ((corners[3 * i] > 0) != half % 2) corners[3 * i] = 0;
             scene_quad_uv(&bright, lamp, corners, 1, 1);
             desc = scene_desc(&bright);
             scene = ref_create(&desc);
@@ -626,7 +636,7 @@ TEST(textured_lamp) {
                 free(position);
             }
             squares = sqrt(squares / (view.width * view.height));
-            printf("    half a texture%s: mean %+.3f %%, %.3f %% rms\n", way ? ", raster" : "",
+            printf("    half a %s%s: mean %+.3f %%, %.3f %% rms\n", holes ? "hole" : "texture", way ? ", raster" : "",
                    100 * (sum / expected_sum - 1), 100 * squares);
             CHECK(fabs(sum / expected_sum - 1) < (way ? 0.02 : 0.002), "%s: mean R is off by %+.3f %%",
                   way ? "raster" : "traced",
@@ -637,6 +647,51 @@ TEST(textured_lamp) {
             scene_free(&s);
             scene_free(&bright);
         }
+}
+
+/* Few rays find the bright texels of a lamp, or the parts of it that are no holes. The readings then differ, and their
+   noise must tell by how much, even though no ray is blocked. */
+TEST(textures_of_lamps_are_noise) {
+    enum { TEXELS = 16 * 16, SITES = 256 };
+    static float pixels[4 * TEXELS];
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    int i, holes;
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = 1;  /* all are at the same place, but rotated differently */
+    for (holes = 0; holes < 2; holes++) {
+        test_scene s = { 0 };
+        sbl_scene_desc scene;
+        sbl_readings_desc desc;
+        sbl_material *m;
+        double sum = 0, squares = 0, noise = 0;
+        for (i = 0; i < 4 * TEXELS; i++)
+            pixels[i] = (float)((i % 4 == 3) != holes || test_hash((uint32_t)i / 4) % 10 == 0);
+        add_floor(&s);
+        m = &s.materials[scene_lamp(&s, 1, 1, 1)];
+        *(holes ? &m->albedo_texture : &m->emission_texture) =
+            scene_texture(&s, pixels, sizeof pixels, SBL_PIXELS_FLOAT, 16, 16, 4);
+        m->alpha_cutoff = holes ? 0.5f : 0;
+        scene_quad(&s, 1, -0.5f, 1, -0.5f, 0.5f, 1, -0.5f, 0.5f, 1, 0.5f, -0.5f, 1, 0.5f);
+        scene = scene_desc(&s);
+        memset(&desc, 0, sizeof desc);
+        desc.sites = sites;
+        desc.readings = readings;
+        desc.site_count = SITES;
+        desc.options.mode = SBL_MODE_DIRECT;
+        desc.options.rays = 16;
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+              "no readings");
+        for (i = 0; i < SITES; i++) {
+            sum += (double)readings[i].radiance[0] / SITES;
+            squares += pow((double)readings[i].radiance[0], 2) / SITES;
+            noise += pow((double)readings[i].noise, 2) / SITES;
+        }
+        noise = sqrt(noise / (squares - sum * sum));
+        printf("    %s: the predicted noise is %.2f of the true noise\n", holes ? "holes" : "a texture", noise);
+        CHECK(noise > 0.8 && noise < 1.5, "a lamp with %s: the predicted noise is %.2f of the true noise",
+              holes ? "holes" : "a texture", noise);
+        scene_free(&s);
+    }
 }
 
 /* >>sky callbacks and pictures */
@@ -1380,6 +1435,7 @@ int main(void) {
     RUN(half_covered_raster);
     RUN(lamps_at_one_place);
     RUN(textured_lamp);
+    RUN(textures_of_lamps_are_noise);
     RUN(sky_by_function);
     RUN(sky_picture_rotated);
     RUN(sun_in_a_picture);

@@ -144,18 +144,18 @@ static const uint64_t llvmpipe_15[PINS] = {
     0x7b13eb650875cf26u,  /* cornell_direct_high */
     0x805f2579068afb51u,  /* cornell_ambient_rasterised */
     0xbee979497c67e34fu,  /* cornell_paper */
-    0xeb124cbf2f186f96u,  /* everything_ambient_traced */
-    0x608251167e6056dbu,  /* everything_ambient_rasterised */
+    0x9d4eb135104473bau,  /* everything_ambient_traced */
+    0x2cf45bc0583dc182u,  /* everything_ambient_rasterised */
     0x634c2a608b962aa3u,  /* everything_paper */
-    0x5a1164cbdea9d079u,  /* lights_direct_traced */
-    0x2acd2bb725a7c23fu,  /* lights_direct_rasterised */
-    0x0f7dfeb1023d4f24u,  /* sky_ambient_traced */
-    0xdb6b41930338e59au,  /* sky_ambient_rasterised */
+    0x098b39f3969a53f4u,  /* lights_direct_traced */
+    0xd1e741d2e5c90df4u,  /* lights_direct_rasterised */
+    0xd055ef3d3d0fa4bfu,  /* sky_ambient_traced */
+    0xdd0bd9135de5c199u,  /* sky_ambient_rasterised */
     0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
     0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
     0x06adf6f5655b5bfbu,  /* cornell_gi_traced */
     0xa257be3a72559cc7u,  /* cornell_gi_rasterised */
-    0x3ce7630b722c2e26u  /* sky_gi_traced */
+    0xf24f1f00afce3d87u  /* sky_gi_traced */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 

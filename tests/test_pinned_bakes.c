@@ -403,25 +403,25 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x64cac09a752f10d2u,  /* glossy_picture */
-    0x019831b90aabfab9u,  /* glossy_window */
-    0x07e923506d3b684bu,  /* glossy_inspection */
-    0x723538e9b9fed2c2u,  /* glossy_store */
-    0x34dd24ea3c88a0ddu,  /* glossy_rasterised */
-    0x11ae31d1c9f8adf5u,  /* matte_picture */
-    0xfc995fdd0f5cf9c3u,  /* plain_picture */
-    0x414fdee5cfb0ff96u,  /* changed_picture */
-    0x22d135d8769e4b58u,  /* directional_lightmap */
-    0x5299a17b79819ddcu,  /* grouped_lightmap */
-    0x290d4f146dc7fc10u,  /* joined_lightmap */
-    0xbf7fc1d52c57c28fu,  /* fitted_vertices */
-    0xc5989224b05fc9c0u,  /* averaged_vertices */
-    0xbcc8eede06ff6b4eu,  /* traced_readings */
-    0x2b34975022f5bb85u,  /* short_readings */
-    0x67d03aecfee07872u,  /* rasterised_readings */
-    0xb2d1131445ed09e8u,  /* probes */
-    0x171f844a501fe69du,  /* store */
-    0x5346cc6675218400u  /* stored_picture */
+    0xc5f607d0d8140cc0u,  /* glossy_picture */
+    0xc698e72e45fdf9a8u,  /* glossy_window */
+    0x82aa92bfbbba8131u,  /* glossy_inspection */
+    0x241b4819194d63e8u,  /* glossy_store */
+    0x9df221481dba488fu,  /* glossy_rasterised */
+    0x07d22bc4c135b0a8u,  /* matte_picture */
+    0x490ca53a3891606du,  /* plain_picture */
+    0x27c9a686e0e52ff7u,  /* changed_picture */
+    0x5a06e071feb8b375u,  /* directional_lightmap */
+    0x17073924b1d55041u,  /* grouped_lightmap */
+    0x5e8f33ea830f9ba0u,  /* joined_lightmap */
+    0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
+    0x51c33c84e090fc41u,  /* averaged_vertices */
+    0x3bf4e1c3d4b7ae2du,  /* traced_readings */
+    0x0b97c4d4c1c07936u,  /* short_readings */
+    0x2e4e69bf80082469u,  /* rasterised_readings */
+    0x0847021c63b8d9cbu,  /* probes */
+    0x422e71e1efcfab69u,  /* store */
+    0xda234d86b694e1a0u  /* stored_picture */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 
