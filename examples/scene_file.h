@@ -23,8 +23,9 @@
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
              metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular if its
-             factor is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a
-             light only with cJSON
+             factor is 0; normalTexture with its scale. KHR_lights_punctual without ranges. Several nodes can share a
+             light, textures can have a KHR_texture_transform, and vertices can be integers (KHR_mesh_quantization),
+             but only with cJSON
        else  the same features, as far as assimp returns them; the colour of a light is its intensity; a falloff
              other than by the square of the distance is ignored
 

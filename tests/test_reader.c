@@ -1149,8 +1149,8 @@ TEST(transforms_of_texture_coordinates) {
     }
 }
 
-/* A texture that is mirrored, or clamped along one axis, is repeated. This is counted only if coordinates leave the range
-   0 to 1 along that axis. */
+/* A texture that is mirrored, or clamped along one axis, is repeated. This is counted only if coordinates leave the
+   range 0 to 1 along that axis. */
 TEST(repeated_textures_are_counted) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
     static const struct { int wraps[2], axis; double scale; int counted; } cases[] = {
@@ -1256,6 +1256,27 @@ TEST(integers_become_floats) {
     CHECK(!read_back("integers.gltf", 0) && strstr(error, "vertices as integers"), "%s", error);
     write_text("integers.gltf", of_integers(",\"uri\":\"absent.bin\"", ""));
     CHECK(!read_back("integers.gltf", 0) && strstr(error, "vertices as integers"), "%s", error);
+}
+
+/* The name of a buffer is a URI. A file that has the name as it is written counts first. */
+TEST(names_of_buffers) {
+    static const float corners[2][9] = { { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, { 0, 0, 0, 2, 0, 0, 0, 1, 0 } };
+    static const char *const names[2] = { "c d.bin", "c%20d.bin" };
+    int i;
+    write_text("uri.gltf", "{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":"
+               "{\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}],\"scene\":0,\"accessors\":"
+               "[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":"
+               "[{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"c%20d.bin\"}]}");
+    for (i = 0; i < 2; i++) {
+        FILE *out = fopen(in_folder(names[i]), "wb");
+        scene_file *file;
+        REQUIRE(out && fwrite(corners[i], 1, 36, out) == 36 && fclose(out) == 0, "no file");
+        file = read_back("uri.gltf", 0);
+        REQUIRE(file, "%s: %s", names[i], error);
+        CHECK(is_near((const float *)file->scene.meshes[0].positions.data, corners[i], 9), "%s: other positions",
+              names[i]);
+        scene_file_free(file);
+    }
 }
 
 /* ---- OBJ ---- */
@@ -1676,6 +1697,7 @@ int main(void) {
     RUN(transforms_of_texture_coordinates);
     RUN(repeated_textures_are_counted);
     RUN(integers_become_floats);
+    RUN(names_of_buffers);
     RUN(transparent_surfaces_are_counted);
     RUN(oddities_of_obj);
     RUN(written_names);
