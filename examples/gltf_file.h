@@ -17,6 +17,7 @@
 #ifndef GLTF_FILE_H
 #define GLTF_FILE_H
 
+#include <ctype.h>
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
@@ -171,15 +172,38 @@ static inline int gltf_write_texture(FILE *out, const gltf_file *f, int number) 
 
 /* ---- the .gltf ---- */
 
-/* Writes a JSON string. Characters other than printable ASCII become '?'. */
+/* Returns the number of bytes of the character at the start of a text, or 0 if it is not valid UTF-8. */
+static int gltf__character(const char *text) {
+    static const unsigned least[5] = { 0, 0, 0x80, 0x800, 0x10000 };
+    const unsigned char *c = (const unsigned char *)text;
+    const int length = c[0] < 0x80 ? 1 : c[0] >> 5 == 6 ? 2 : c[0] >> 4 == 14 ? 3 : c[0] >> 3 == 30 ? 4 : 0;
+    unsigned code = length == 1 ? c[0] : c[0] & (0x7fu >> length);
+    int i;
+    for (i = 1; i < length; i++) {
+        if (c[i] >> 6 != 2) return 0;
+        code = code << 6 | (c[i] & 63u);
+    }
+    return !length || code < least[length] || code > 0x10ffff || (code >> 11 == 0x1b) ? 0 : length;
+}
+
+/* Writes a JSON string. Control characters, and bytes that are not UTF-8, become '?'. */
 static void gltf__put_name(FILE *out, const char *name) {
     fputc('"', out);
-    for (; *name; name++) {
-        const unsigned char c = (unsigned char)*name;
-        if (c < 32 || c >= 127) fputc('?', out);
-        else if (c == '"' || c == '\\') fprintf(out, "\\%c", c);
-        else fputc(c, out);
+    while (*name) {
+        const int length = gltf__character(name);
+        if (length == 0 || (unsigned char)*name < 32 || *name == 127) fputc('?', out);
+        else fprintf(out, "%s%.*s", *name == '"' || *name == '\\' ? "\\" : "", length, name);
+        name += length ? length : 1;
     }
+    fputc('"', out);
+}
+
+/* Writes the name of a file as the JSON string of a URI. Bytes that a URI cannot contain become %20 and the like. */
+static void gltf__put_uri(FILE *out, const char *name) {
+    fputc('"', out);
+    for (; *name; name++)
+        fprintf(out, (*name & 0x80) == 0 && (isalnum((unsigned char)*name) || strchr("-._~/", *name)) ? "%c" : "%%%02X",
+                (unsigned char)*name);
     fputc('"', out);
 }
 
@@ -488,7 +512,9 @@ static void gltf__put_json(FILE *out, const gltf_file *f) {
     bytes = gltf__put_arrays(out, f, GLTF__ACCESSORS);
     fprintf(out, "\n  ],\n  \"bufferViews\": [");
     gltf__put_arrays(out, f, GLTF__VIEWS);
-    fprintf(out, "\n  ],\n  \"buffers\": [{\"uri\": \"%s\", \"byteLength\": %.0f}],\n  \"meshes\": [", f->bin, bytes);
+    fprintf(out, "\n  ],\n  \"buffers\": [{\"uri\": ");
+    gltf__put_uri(out, f->bin);
+    fprintf(out, ", \"byteLength\": %.0f}],\n  \"meshes\": [", bytes);
     gltf__put_arrays(out, f, GLTF__MESHES);
     fprintf(out, "\n  ],\n  \"nodes\": [");
     gltf__put_nodes(out, f);

@@ -706,11 +706,13 @@ typedef struct probes { sbl_probe *all, *parts; float *positions; int count; bak
 static probes listed;  /* the positions from the file of --probes or --cubemaps */
 
 /* Reads three numbers, separated by blanks or a comma. Returns 1; or 0 if the line is empty or a comment; or -1 if it
-   is anything else. */
+   is anything else. line: may begin with a byte order mark */
 static int read_position(char *line, float out[3]) {
-    char *at = line, *end;
+    char *at, *end;
     int k;
+    if (strncmp(line, "\xef\xbb\xbf", 3) == 0) line += 3;
     line[strcspn(line, "#\r\n")] = 0;
+    at = line;
     if (!line[strspn(line, " \t")]) return 0;
     for (k = 0; k < 3; k++, at = end + (*end == ',')) {
         const double number = strtod(at, &end);
@@ -725,11 +727,12 @@ static int read_position(char *line, float out[3]) {
 static int read_positions(void) {
     probes *p = &listed;
     FILE *in = options.positions ? input_open(options.positions) : NULL;
-    char line[512];
+    char *line = NULL;
+    size_t size = 0;
     int room = 0, number = 0, status = DONE;
     if (!options.positions) return DONE;
     if (!in) return fail("%s: cannot be read: %s", options.positions, scene__why());
-    while (status == DONE && fgets(line, sizeof line, in)) {
+    while (status == DONE && getline(&line, &size, in) >= 0) {
         float position[3];
         const int kind = read_position(line, position);
         number++;
@@ -743,6 +746,7 @@ static int read_positions(void) {
         }
         memcpy(p->positions + 3 * (size_t)p->count++, position, sizeof position);
     }
+    free(line);
     fclose(in);
     if (status == DONE && !p->count) status = fail("%s: it has no positions", options.positions);
     return status;
@@ -766,8 +770,9 @@ static int prepare_probes(void) {
     const double points = (double)grid[0] * grid[1] * grid[2];
     const int status = read_positions();
     if (points >= INT_MAX)
-        return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
-                      grid[2], points, INT_MAX - 1);
+        return misuse("%s %dx%dx%d: the grid has %.0f points; at most %d are possible",
+                      table[given[CUBEMAPS] ? CUBEMAPS : PROBES].name, grid[0], grid[1], grid[2], points,
+                      given[CUBEMAPS] ? CUBEMAPS_MAX : INT_MAX - 1);
     if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MAX || listed.count > CUBEMAPS_MAX))
         return misuse("--cubemaps: %.0f points are too many; at most %d are possible", points + listed.count,
                       CUBEMAPS_MAX);

@@ -116,6 +116,8 @@ static void show_picture(parts_job *job) {
     job->stops = !isnan(options.exposure) ? options.exposure
                : strcmp(channel, "display") == 0 ? 0 : strtod(pictures.list.facts[FACT_EXPOSURE].text, NULL);
     if (picture_is_error(job->channel) && isnan(options.exposure)) job->stops += PICTURE_ERROR_STOPS;
+    if (given[EXPOSURE] && !ends_with(options.output, ".png") && !given[QUIET])
+        warn("no effect: --exposure (only a .png is exposed)");
     if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
         warn("highlights above 1 are cut off, because these parts have no tone; make them again with --channel "
              "display");
@@ -149,6 +151,9 @@ static int merge(void) {
             return misuse("%s would overwrite a part; give another name", options.output);
     if (list->drivers && !given[QUIET])
         warn("the parts were made by different graphics drivers, whose light differs by rounding and noise");
+    if (given[EXPOSURE] && strcmp(list->facts[FACT_CHANNEL].text, "display") == 0)
+        return misuse("--exposure: these parts are of channel display, which contains the exposure; leave it out, or "
+                      "make the parts again with --exposure");
     if (!is_bake) show_picture(&job);
     output_find(&target, options.output);
     ok = target.path && (is_bake ? output_write(&target, bake_write, &all, &interrupted)

@@ -196,10 +196,17 @@ static void note_effects(void) {
     const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_DISPLAY ||
         channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_STORE || picture_is_error(channel);
     const int paper = common_mode(given) == SBL_MODE_PAPER;
-    common_note(given, table);
-    note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
-    note_if(needs_no_light(channel), given, table, TARGET_ERROR, "the channel shows no light");
-    if (!paper && !needs_no_light(channel)) common_note_refinement(given, table, TARGET_ERROR);
+    static const int of_light[] = { TARGET_ERROR, RAYS, MAX_BOUNCE_CELLS, SENSOR_SIZE, TILE, THRESHOLD, FILTER_RADIUS,
+        SEED };
+    size_t i;
+    for (i = 0; i < sizeof of_light / sizeof *of_light; i++)
+        note_if(needs_no_light(channel), given, table, of_light[i], "the channel shows no light");
+    if (!needs_no_light(channel)) {
+        common_note(given, table);
+        note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
+        if (!paper) common_note_refinement(given, table, TARGET_ERROR);
+    }
+    note_if(given[STUDIO], given, table, LIGHT_SCALE, "--studio replaces the lights of the file");
     note_if(options.samples > 1 && ((channel != SBL_CHANNEL_FINAL && channel != SBL_CHANNEL_DISPLAY) || given[INSPECT]),
             given, table, SAMPLES, "only channels final and display are anti-aliased");
     note_if(!ends_with(common.output, ".png") && channel != SBL_CHANNEL_DISPLAY && !given[PART], given, table, EXPOSURE,

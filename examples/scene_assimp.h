@@ -20,6 +20,7 @@ typedef struct scene__main_file {
     scene_file *file;
     const char *path;
     scene__bytes bytes;
+    const scene__bytes *floats;  /* content of the file scene__floats_name */
     char missing[160];  /* an .mtl file that could not be read, or an empty text */
 } scene__main_file;
 
@@ -49,12 +50,60 @@ static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrig
     return aiReturn_SUCCESS;
 }
 
-/* Notes whether an .mtl file could be read. assimp tries several paths for it, and does not report a failure. */
-static void scene__note_mtl(scene__main_file *main_file, const char *path, int found) {
+/* Removes a byte order mark, which assimp takes for a part of the first line. */
+static void scene__remove_mark(scene__bytes *bytes) {
+    if (bytes->size < 3 || memcmp(bytes->data, "\xef\xbb\xbf", 3) != 0) return;
+    bytes->size -= 3;
+    memmove(bytes->data, bytes->data + 3, bytes->size + 1);
+}
+
+/* Returns 1 if a line of an .mtl file scales or moves a texture (-s, -o), which assimp ignores. */
+static int scene__moves_texture(const char *line) {
+    static const char *const options[] = { " -s ", " -o " };
+    const size_t length = strcspn(line, "\r\n");
+    float numbers[3];
+    int i, k, moves = 0;
+    for (i = 0; i < 2; i++) {
+        const char *at = strstr(line, options[i]);
+        const int count = at && at < line + length ? sscanf(at + 4, "%f %f %f", &numbers[0], &numbers[1], &numbers[2])
+                                                   : 0;
+        for (k = 0; k < count; k++) moves |= fabsf(numbers[k] - (i ? 0.0f : 1.0f)) > 0;
+    }
+    return moves;
+}
+
+/* Prepares the content of an .mtl file, and warns of what assimp ignores in it. */
+static void scene__mend_mtl(scene_file *file, const char *path, scene__bytes *bytes) {
+    const char *line = bytes->data;
+    int moves = 0;
+    scene__remove_mark(bytes);
+    for (; line && !moves; line = line ? line + 1 : NULL) {
+        moves = scene__moves_texture(line);
+        line = strchr(line, '\n');
+    }
+    if (moves)
+        scene__warn(file, "%.150s: its textures are neither scaled nor moved: -s and -o are ignored", path);
+}
+
+/* Notes whether an .mtl file could be read. assimp tries several paths for it, and does not report a failure. bytes:
+   its content, or NULL */
+static void scene__note_mtl(scene__main_file *main_file, const char *path, scene__bytes *bytes) {
     char *missing = main_file->missing;
     if (!scene__ends_with(path, ".mtl")) return;
-    if (found) missing[0] = 0;
+    if (bytes) scene__mend_mtl(main_file->file, path, bytes);
+    if (bytes) missing[0] = 0;
     else if (!missing[0]) scene__print(missing, sizeof main_file->missing, "%s", path);
+}
+
+/* Reads a file that the main file refers to. assimp has put the folder of the main file before its name, but has not
+   decoded characters such as %20 in the names of buffers of glTF. Returns 0 and sets errno on failure. */
+static int scene__read_beside(const scene__main_file *main_file, const char *path, scene__bytes *out) {
+    const char *slash = strrchr(main_file->path, '/');
+    const size_t folder = slash ? (size_t)(slash - main_file->path) + 1 : 0;
+    if (strchr(path, '%') && strncmp(path, main_file->path, folder) == 0 &&
+        (scene__ends_with(main_file->path, ".gltf") || scene__ends_with(main_file->path, ".glb")))
+        return scene__slurp_named(main_file->file, main_file->path, path + folder, out);
+    return scene__slurp(main_file->file, path, out);
 }
 
 static struct aiFile *scene__open(struct aiFileIO *io, const char *path, const char *mode) {
@@ -65,12 +114,15 @@ static struct aiFile *scene__open(struct aiFileIO *io, const char *path, const c
     if (strcmp(path, main_file->path) == 0) {
         s->bytes = main_file->bytes;
         s->shared = 1;
-    } else if (!scene__slurp(main_file->file, path, &s->bytes)) {
+    } else if (main_file->floats->data && scene__ends_with(path, scene__floats_name)) {
+        s->bytes = *main_file->floats;
+        s->shared = 1;
+    } else if (!scene__read_beside(main_file, path, &s->bytes)) {
         if (errno == SCENE__REFUSED) scene__refuse(main_file->file, path);
-        scene__note_mtl(main_file, path, 0);
+        scene__note_mtl(main_file, path, NULL);
         goto fail;
     }
-    scene__note_mtl(main_file, path, 1);
+    scene__note_mtl(main_file, path, &s->bytes);
     file->ReadProc = scene__read;
     file->WriteProc = scene__write;
     file->TellProc = scene__tell;
@@ -130,12 +182,16 @@ typedef struct scene__reader {
     scene_file *file;
     const struct aiScene *in;
     int is_gltf;
-    int is_bare;         /* 1: the file is of a format without materials; assimp then returns a white one */
+    int is_bare;         /* 1: the file has no materials; assimp then returns one of its own */
     sbl_material *materials;
     scene__pictures pictures;
     int not_matte;       /* 1: a material is glossy, metallic or transmissive; see scene__gloss */
     int *left_out;       /* one per material; 1: its surface is cut out everywhere, so its meshes are omitted */
+    int left_out_uses;   /* number of uses of such meshes */
     unsigned *uv_set;    /* one per material: index of its set of texture coordinates */
+    scene__taken taken;  /* from a .gltf */
+    char *repeated;      /* one per material: axes of its textures; see scene__repeats_instead */
+    const scene__transform **moves;  /* one per material: the transform of its texture coordinates, or NULL */
     float *opacity;      /* one per material: factor for the alpha of vertex colours */
     char *shown, *posed; /* one per material, 1: used; one per mesh, 1: used, with bones or morph targets */
     sbl_mesh *shared;    /* one per mesh of the file: its arrays, which all uses share */
@@ -186,6 +242,16 @@ static int scene__picture_of(const struct aiMaterial *m, enum aiTextureType type
                aiReturn_SUCCESS && out->name.length;
 }
 
+/* Returns the axes along which sbl.h repeats a texture although the file mirrors or clamps it, as bits: 1: u, 2: v. */
+static int scene__repeats_instead(const scene__use_of_picture *p) {
+    int k, clamped = 1, axes = 0;
+    for (k = 0; k < 2; k++) {
+        clamped &= p->wrap[k] == aiTextureMapMode_Clamp;
+        if (p->wrap[k] == aiTextureMapMode_Clamp || p->wrap[k] == aiTextureMapMode_Mirror) axes |= 1 << k;
+    }
+    return clamped ? 0 : axes;
+}
+
 static sbl_wrap scene__wrap_of(const scene__use_of_picture *p) {
     const int clamped = p->wrap[0] == aiTextureMapMode_Clamp && p->wrap[1] == aiTextureMapMode_Clamp;
     return clamped ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
@@ -198,7 +264,7 @@ static float scene__number(const struct aiMaterial *m, const char *key, unsigned
 }
 
 /* The name of a material, and the facts that scene_gltf.h has appended to it. */
-typedef struct scene__told { char name[256]; int is_told, bits; float ior; } scene__told;
+typedef struct scene__told { char name[256]; int is_told, bits, number; float ior; } scene__told;
 
 /* Splits a material name into the original name and the facts that scene__name_materials appended. */
 static scene__told scene__told_by(const scene__reader *r, const struct aiMaterial *m) {
@@ -209,7 +275,8 @@ static scene__told scene__told_by(const scene__reader *r, const struct aiMateria
     if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) == aiReturn_SUCCESS)
         scene__print(out.name, sizeof out.name, "%s", name.data);
     added = r->is_gltf ? strrchr(out.name, '(') : NULL;
-    out.is_told = added && sscanf(added, "(ior %f, %d%c", &out.ior, &out.bits, &end) == 3 && end == ')';
+    out.is_told = added && sscanf(added, "(ior %f, %d, %d%c", &out.ior, &out.bits, &out.number, &end) == 4 &&
+                  end == ')';
     if (out.is_told) added[added > out.name ? -1 : 0] = 0;
     return out;
 }
@@ -230,7 +297,8 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS &&
         aiGetMaterialColor(m, AI_MATKEY_BASE_COLOR, &color) != aiReturn_SUCCESS)
         color.r = color.g = color.b = has_albedo ? 1.0f : SCENE__GREY;
-    if (r->is_bare && !has_albedo && !scene__has_vertex_colors(r->in)) color.r = color.g = color.b = SCENE__GREY;
+    if (r->is_bare && !has_albedo)
+        color.r = color.g = color.b = scene__has_vertex_colors(r->in) ? 1.0f : SCENE__GREY;
     rgb[0] = color.r; rgb[1] = color.g; rgb[2] = color.b;
     for (k = 0; k < 3; k++) {
         if (rgb[k] < 0.0f || rgb[k] > 1.0f) { rgb[k] = rgb[k] < 0.0f ? 0.0f : 1.0f; clamped = 1; }
@@ -454,9 +522,6 @@ static int scene__normal_map(const scene__reader *r, const struct aiMaterial *m,
     return 1;
 }
 
-enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__NORMAL, SCENE__MASK,
-    SCENE__PICTURES };
-
 /* Reads the textures that have no alpha. Where a texture cannot be read, the surface does not emit, is matte, is opaque
    or is smooth. A grey normal map is refused, because it holds heights: the OBJ reader of Blender takes them for
    normals. */
@@ -483,15 +548,36 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
     if (!out->normal_texture) out->normal_scale = 0;
 }
 
-/* Reads the alpha and the textures of a material. */
-static void scene__material(scene__reader *r, unsigned index) {
+/* Chooses the set of texture coordinates of a material and their transform: those of its first texture. Warns if others
+   have other ones. has: 1 for each texture that the material has */
+static void scene__choose_texcoords(scene__reader *r, unsigned index, const scene__use_of_picture *all,
+                                    const int *has) {
     static const char *const words[SCENE__PICTURES] = { "colour", "emission", "metal", "transmission", "normals",
         "mask" };
+    static const scene__transform none = { { 1, 0, 0, 0, 1, 0 } };
+    const scene__told told = scene__told_by(r, r->in->mMaterials[index]);
+    const int is_known = told.is_told && told.number >= 0 && told.number < r->taken.material_count;
+    const scene__transform *own = is_known ? r->taken.transforms + SCENE__PICTURES * told.number : NULL;
+    int i, first = 0, differs = 0;
+    while (first < SCENE__PICTURES && !has[first]) first++;
+    r->uv_set[index] = first < SCENE__PICTURES ? all[first].set : 0;
+    if (own && first < SCENE__PICTURES && memcmp(&own[first], &none, sizeof none) != 0) r->moves[index] = &own[first];
+    for (i = first; i < SCENE__PICTURES; i++)
+        if (has[i]) r->repeated[index] |= (char)scene__repeats_instead(&all[i]);
+    for (i = first; i <= SCENE__NORMAL; i++)
+        differs |= has[i] && (all[i].set != all[first].set || (own && memcmp(&own[i], &own[first], sizeof *own) != 0));
+    if (differs)
+        scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
+                    "for all", told.name, words[first]);
+}
+
+/* Reads the alpha and the textures of a material. */
+static void scene__material(scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     sbl_material *out = &r->materials[index];
     scene__alpha alpha = scene__alpha_of(m, !r->not_matte);
     scene__use_of_picture all[SCENE__PICTURES];
-    int has[SCENE__PICTURES], i, first = 0, differs = 0;
+    int has[SCENE__PICTURES];
     r->opacity[index] = 1;
     r->left_out[index] = scene__is_gone(&alpha, !r->not_matte);
     if (r->left_out[index]) return;
@@ -510,17 +596,12 @@ static void scene__material(scene__reader *r, unsigned index) {
     has[SCENE__MASK] = alpha.has_mask;
     all[SCENE__MASK] = alpha.mask;
     out->alpha_cutoff = alpha.cutoff > 0.0f ? alpha.cutoff / alpha.opacity : 0.0f;
-    while (first < SCENE__PICTURES && !has[first]) first++;
-    r->uv_set[index] = first < SCENE__PICTURES ? all[first].set : 0;
+    scene__choose_texcoords(r, index, all, has);
     if (has[SCENE__ALBEDO] || alpha.has_mask)
         out->albedo_texture = scene__texture(&r->pictures, has[SCENE__ALBEDO] ? all[SCENE__ALBEDO].name.data : NULL,
                                              alpha.has_mask ? alpha.mask.name.data : NULL,
                                              scene__wrap_of(has[SCENE__ALBEDO] ? &all[SCENE__ALBEDO] : &alpha.mask), 0);
     scene__plain_textures(r, all, has, out);
-    for (i = first; i <= SCENE__NORMAL; i++) differs |= has[i] && all[i].set != all[first].set;
-    if (differs)
-        scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
-                    "for all", scene__told_by(r, m).name, words[first]);
 }
 
 /* ---- warnings about simplified features; see SCENE_FILE_KINDS ---- */
@@ -650,12 +731,18 @@ static float *scene__vectors(scene_file *file, const ai_real *from, unsigned cou
     return out;
 }
 
-/* Returns a set of texture coordinates, or NULL. It flips v, because assimp has v = 0 at the bottom, also for glTF. */
-static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsigned set) {
+/* Returns a set of texture coordinates, or NULL. It flips v, because assimp has v = 0 at the bottom, also for glTF.
+   move: NULL, or a transform that is then applied */
+static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsigned set, const scene__transform *move) {
     const unsigned count = in->mNumVertices;
-    float *v = in->mTextureCoords[set] ? scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3) : NULL;
+    float *v = in->mTextureCoords[set] ? scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3) : NULL, *uv;
     size_t i;
-    for (i = 0; v && i < count; i++) v[2 * i + 1] = 1 - v[2 * i + 1];
+    for (i = 0; v && i < count; i++) {
+        const float x = v[2 * i], y = 1 - v[2 * i + 1];
+        uv = v + 2 * i;
+        uv[0] = move ? move->m[0] * x + move->m[1] * y + move->m[2] : x;
+        uv[1] = move ? move->m[3] * x + move->m[4] * y + move->m[5] : y;
+    }
     return v;
 }
 
@@ -678,14 +765,27 @@ static float *scene__vertex_colors(scene__reader *r, const struct aiMesh *in, fl
     return v;
 }
 
+/* Counts a mesh whose texture is repeated although the file mirrors or clamps it, if its coordinates leave the range 0
+   to 1 along these axes. axes: see scene__repeats_instead */
+static void scene__count_repeats(scene_file *file, const float *texcoords, int count, int axes) {
+    int i, k, leaves = 0;
+    for (i = 0; i < count && texcoords && !leaves; i++)
+        for (k = 0; k < 2; k++)
+            leaves |= (axes >> k & 1) && (texcoords[2 * i + k] < -0.001f || texcoords[2 * i + k] > 1.001f);
+    if (leaves) scene__count(file, SCENE_FILE_WRAP);
+}
+
 static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
     const int has_material = in->mMaterialIndex < r->in->mNumMaterials;
     const unsigned set_of = has_material ? r->uv_set[in->mMaterialIndex] : 0;
     const unsigned set = set_of < AI_MAX_NUMBER_OF_TEXTURECOORDS ? set_of : 0, count = in->mNumVertices;
+    const scene__transform *move = has_material ? r->moves[in->mMaterialIndex] : NULL;
     out->positions.data = scene__vectors(r->file, &in->mVertices->x, count, 3, 3);
     if (in->mNormals) out->normals.data = scene__vectors(r->file, &in->mNormals->x, count, 3, 3);
-    out->texcoords.data = scene__texcoords(r, in, set);
-    out->lightmap_texcoords.data = set == 1 ? out->texcoords.data : scene__texcoords(r, in, 1);
+    out->texcoords.data = scene__texcoords(r, in, set, move);
+    out->lightmap_texcoords.data = set == 1 && !move ? out->texcoords.data : scene__texcoords(r, in, 1, NULL);
+    if (has_material && r->repeated[in->mMaterialIndex])
+        scene__count_repeats(r->file, (const float *)out->texcoords.data, (int)count, r->repeated[in->mMaterialIndex]);
     out->colors.data = scene__vertex_colors(r, in, has_material ? r->opacity[in->mMaterialIndex] : 1);
 }
 
@@ -892,15 +992,23 @@ static int scene__is_flat(const scene__node *at) {
     return determinant == 0.0;
 }
 
-/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles, if its
-   material is omitted, or if the node is flat. */
+/* Returns the mesh with the index `i` in a node, and its material. Returns NULL if the mesh has no triangles or the
+   node is flat. The mesh is omitted if r->left_out says so of its material. */
 static const sbl_mesh *scene__used(const scene__reader *r, const scene__node *at, unsigned i, unsigned *material) {
     const unsigned number = at->node->mMeshes[i];
     if (scene__is_flat(at)) return NULL;
     if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
     *material = r->in->mMeshes[number]->mMaterialIndex;
     if (*material >= r->in->mNumMaterials) *material = 0;
-    return r->left_out[*material] ? NULL : &r->shared[number];
+    return &r->shared[number];
+}
+
+/* Counts a use of a mesh that is omitted, and its material once. A glTF material with an opacity of 0 is meant to be
+   invisible, but in OBJ it may be a mistake: some programs write d 0 or Tr 1 for opaque surfaces. */
+static void scene__count_left_out(scene__reader *r, unsigned material) {
+    const float opacity = scene__alpha_of(r->in->mMaterials[material], !r->not_matte).opacity;
+    r->left_out_uses++;
+    if (r->left_out[material]++ == 1 && (opacity > 0 || !r->is_gltf)) scene__count(r->file, SCENE_FILE_GONE);
 }
 
 static void scene__count_uses(scene__reader *r, const scene__node *at) {
@@ -910,6 +1018,7 @@ static void scene__count_uses(scene__reader *r, const scene__node *at) {
         const sbl_mesh *mesh = scene__used(r, at, i, &material);
         const struct aiMesh *in = mesh ? r->in->mMeshes[at->node->mMeshes[i]] : NULL;
         if (!mesh) continue;
+        if (r->left_out[material]) { scene__count_left_out(r, material); continue; }
         r->use_count++;
         r->shown[material] = 1;
         r->posed[at->node->mMeshes[i]] = in->mNumBones > 0 || in->mNumAnimMeshes > 0;
@@ -958,7 +1067,7 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
         const sbl_mesh *mesh = scene__used(r, at, i, &material);
         sbl_mesh *use = &r->meshes[r->use_count];
         char *copy;
-        if (!mesh) continue;
+        if (!mesh || r->left_out[material]) continue;
         *use = *mesh;
         use->material = (int)material;
         use->id = (uint32_t)r->use_count + 1;
@@ -992,7 +1101,11 @@ static void scene__nodes(scene__reader *r) {
     scene_file *file = r->file;
     char what[160];
     scene__walk(r, scene__count_uses);
-    if (!r->use_count) { scene__fail(file, "it has no triangles"); return; }
+    if (!r->use_count) {
+        scene__fail(file, r->left_out_uses ? "all its surfaces are transparent, so nothing is left; give one an "
+                    "opacity of at least 0.5" : "it has no triangles");
+        return;
+    }
     if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many uses of meshes"); return; }
     scene__print(what, sizeof what, "rendering it (%.0f uses of meshes, %.0f triangles)", (double)r->use_count,
                  r->triangles);
@@ -1025,12 +1138,15 @@ static int scene__make_room(scene__reader *r) {
     r->light_names = (const char **)scene__alloc(r->file, r->in->mNumLights, sizeof *r->light_names);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
     r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
+    r->moves = (const scene__transform **)calloc(materials, sizeof *r->moves);
+    r->repeated = (char *)calloc(materials, 1);
     r->opacity = (float *)calloc(materials, sizeof *r->opacity);
     r->shown = (char *)calloc(materials, 1);
     r->posed = (char *)calloc((size_t)r->in->mNumMeshes + 1, 1);
     r->shared = (sbl_mesh *)calloc((size_t)r->in->mNumMeshes + 1, sizeof *r->shared);
     r->lamps = (struct scene__lamp *)calloc((size_t)r->in->mNumLights + 1, sizeof *r->lamps);
-    if (!p->keys || !r->left_out || !r->uv_set || !r->opacity || !r->shown || !r->posed || !r->shared || !r->lamps)
+    if (!p->keys || !r->left_out || !r->uv_set || !r->moves || !r->repeated || !r->opacity || !r->shown || !r->posed ||
+        !r->shared || !r->lamps)
         scene__fail_for_memory(r->file, "it");
     return !r->file->error[0];
 }
@@ -1070,6 +1186,9 @@ static void scene__convert(scene__reader *r) {
     scene__free_pictures(&r->pictures);
     free(r->left_out);
     free(r->uv_set);
+    free(r->moves);
+    free(r->repeated);
+    free(r->taken.transforms);
     free(r->opacity);
     free(r->shown);
     free(r->posed);
@@ -1086,13 +1205,16 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     scene__reader r;
     memset(&r, 0, sizeof r);
     r.is_gltf = scene__ends_with(path, ".gltf") || scene__ends_with(path, ".glb");
-    if (r.is_gltf) scene__mend_gltf(file, bytes);
+    if (r.is_gltf || scene__ends_with(path, ".obj")) scene__remove_mark(bytes);
+    if (r.is_gltf) scene__mend_gltf(file, path, bytes, &r.taken);
     r.is_bare = scene__ends_with(path, ".stl") ||
-                (scene__ends_with(path, ".ply") && !scene__mentions(bytes, "element material"));
+                (scene__ends_with(path, ".ply") && !scene__mentions(bytes, "element material")) ||
+                (scene__ends_with(path, ".obj") && !scene__mentions(bytes, "mtllib"));
     if (scene__ends_with(path, ".obj")) scene__mend_obj(file, bytes);
     main_file.file = file;
     main_file.path = path;
     main_file.bytes = *bytes;
+    main_file.floats = &r.taken.floats;
     main_file.missing[0] = 0;
     io.OpenProc = scene__open;
     io.CloseProc = scene__close;
@@ -1110,6 +1232,7 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
         scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
                     aiGetErrorString()[0] ? aiGetErrorString() : "it contains no scene");
     if (r.in) aiReleaseImport(r.in);
+    free(r.taken.floats.data);
 }
 
 #endif

@@ -23,13 +23,14 @@
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
              metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular if its
-             factor is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a
-             light only with cJSON
+             factor is 0; normalTexture with its scale. KHR_lights_punctual without ranges. Several nodes can share a
+             light, textures can have a KHR_texture_transform, and vertices can be integers (KHR_mesh_quantization),
+             but only with cJSON
        else  the same features, as far as assimp returns them; the colour of a light is its intensity; a falloff
              other than by the square of the distance is ignored
 
-   Surfaces without a material have the albedo 0.6. In glTF, such a surface has the albedo 1, as glTF requires. STL and
-   PLY have no materials; their vertex colours and textures are not multiplied by 0.6.
+   Surfaces without a material have the albedo 0.6. In glTF, such a surface has the albedo 1, as glTF requires. STL, PLY
+   and OBJ without an .mtl have no materials; their vertex colours and textures are not multiplied by 0.6.
 
    Metal and gloss follow one rule for the complete file. If no used material has metalness, a roughness below 1, a
    texture of one of these, or transmission, all materials are matte, because exporters write roughness 1 for surfaces
@@ -53,8 +54,9 @@
        The child reads only files in the folder of the scene and in folders that the user allows (scene_paths.h).
        The kernel forbids the child almost everything else (scene_sandbox.h).
 
-   In the child, scene_gltf.h edits a .gltf before assimp reads it, scene_assimp.h converts the result of assimp,
-   scene_motion.h computes the poses of animated nodes, and scene_pictures.h decodes pictures. */
+   In the child, scene_gltf.h edits a .gltf before assimp reads it, scene_integers.h converts its integers to floats,
+   scene_assimp.h converts the result of assimp, scene_motion.h computes the poses of animated nodes, and
+   scene_pictures.h decodes pictures. */
 #ifndef SCENE_FILE_H
 #define SCENE_FILE_H
 
@@ -109,6 +111,8 @@ typedef struct scene_file_options {
     X(REFRACTION, "material", "materials", "refraction and volume are ignored: light passes as through a thin pane") \
     X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
+    X(GONE, "material", "materials", "transparent surfaces are left out: their opacity is 0, or below the cutoff") \
+    X(WRAP, "mesh", "meshes", "textures that the file mirrors, or clamps along one axis, are repeated") \
     X(NORMAL_MAP, "material", "materials", "normal maps are ignored") \
     X(HEIGHT, "material", "materials", "bump maps and displacement (textures of heights) are ignored") \
     X(TEXTURE, "material", "materials", "textures of metal, roughness or gloss are not read") \
@@ -219,6 +223,7 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_memory.h"
 #include "scene_paths.h"
 #include "scene_pictures.h"
+#include "scene_integers.h"
 #include "scene_gltf.h"
 #include "scene_motion.h"
 #include "scene_assimp.h"

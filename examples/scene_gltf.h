@@ -8,16 +8,16 @@
    and roughnessFactor by 1; version 5.2 drops KHR_materials_specular, and older versions also drop KHR_materials_ior;
    therefore these facts are appended to the names of materials. assimp refuses TEXCOORD_1 without TEXCOORD_0; therefore
    such a set also becomes the first. assimp drops lists in extras; therefore the lightmap placements are put before the
-   names of nodes. assimp takes quantized and compressed meshes for floats; therefore a file that requires one of these
-   extensions is refused. Invalid content is left unchanged, so that assimp reports it. */
+   names of nodes. assimp takes integers for floats; therefore scene_integers.h converts the vertices. assimp scales and
+   turns texture coordinates about a wrong point, and stores them in the place of TEXCOORD_1; therefore
+   KHR_texture_transform is removed, and the reader transforms the coordinates. assimp takes compressed meshes for
+   floats; therefore a file that requires one of these extensions is refused. Invalid content is left unchanged, so that
+   assimp reports it. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
 #include <math.h>
 #include <stdlib.h>
-#ifdef SBL_RENDER_CJSON
-  #include <cjson/cJSON.h>
-#endif
 
 static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 
@@ -25,6 +25,20 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 #define SCENE__MOST_IOR 1e6
 #define SCENE__MOST_SCALE 1000.0f  /* greatest scale of a normal map */
 enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* number of lightmaps; their width in texels */
+
+/* The textures of a material, in the order in which the first one chooses the coordinates of all. */
+enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__NORMAL, SCENE__MASK,
+    SCENE__PICTURES };
+
+/* The KHR_texture_transform of a texture: u becomes m[0] u + m[1] v + m[2], and v becomes m[3] u + m[4] v + m[5]. */
+typedef struct scene__transform { float m[6]; } scene__transform;
+
+/* What scene__mend_gltf takes out of a .gltf for the reader, which frees it. */
+typedef struct scene__taken {
+    scene__transform *transforms;  /* SCENE__PICTURES for each material, in the order of the file; or NULL */
+    int material_count;
+    scene__bytes floats;           /* see scene_integers.h; data is NULL if no vertices were integers */
+} scene__taken;
 
 /* Facts about a material, as bits in its name. */
 enum {
@@ -36,10 +50,6 @@ enum {
 
 #ifdef SBL_RENDER_CJSON
 static const char scene__lights_name[] = "KHR_lights_punctual";
-
-static cJSON *scene__item(const cJSON *object, const char *name) {
-    return cJSON_GetObjectItemCaseSensitive(object, name);
-}
 
 static int scene__is_light(const cJSON *light) {
     const char *type = cJSON_GetStringValue(scene__item(light, "type"));
@@ -172,16 +182,77 @@ static int scene__bits_of(const cJSON *material) {
     return bits;
 }
 
-/* Appends to the name of each material the facts that scene__told_by reads. */
+/* Returns a number of a list, or `otherwise` if it is missing. */
+static double scene__number_at(const cJSON *list, int index, double otherwise) {
+    const cJSON *number = cJSON_GetArrayItem(list, index);
+    return cJSON_IsNumber(number) ? number->valuedouble : otherwise;
+}
+
+/* Reads the KHR_texture_transform of a texture: it scales, then rotates, then moves. */
+static scene__transform scene__transform_of(const cJSON *texture) {
+    const cJSON *from = scene__item(scene__item(texture, "extensions"), "KHR_texture_transform");
+    const cJSON *offset = scene__item(from, "offset"), *scale = scene__item(from, "scale");
+    const cJSON *rotation = scene__item(from, "rotation");
+    const double angle = cJSON_IsNumber(rotation) ? rotation->valuedouble : 0, c = cos(angle), s = sin(angle);
+    const double x = scene__number_at(scale, 0, 1), y = scene__number_at(scale, 1, 1);
+    scene__transform out;
+    out.m[0] = (float)(c * x);
+    out.m[1] = (float)(s * y);
+    out.m[2] = (float)scene__number_at(offset, 0, 0);
+    out.m[3] = (float)(-s * x);
+    out.m[4] = (float)(c * y);
+    out.m[5] = (float)scene__number_at(offset, 1, 0);
+    return out;
+}
+
+/* Removes KHR_texture_transform from an item and all items in it. Its texCoord replaces that of the texture. */
+static void scene__remove_transforms(cJSON *item) {
+    cJSON *extensions = scene__item(item, "extensions"), *child;
+    cJSON *transform = cJSON_DetachItemFromObjectCaseSensitive(extensions, "KHR_texture_transform");
+    const cJSON *set = scene__item(transform, "texCoord");
+    if (cJSON_IsNumber(set)) {
+        cJSON_DeleteItemFromObjectCaseSensitive(item, "texCoord");
+        cJSON_AddNumberToObject(item, "texCoord", set->valuedouble);
+    }
+    cJSON_Delete(transform);
+    cJSON_ArrayForEach(child, item) scene__remove_transforms(child);
+}
+
+/* Moves the transforms of all textures from the materials to out->transforms. */
+static void scene__take_transforms(scene_file *file, cJSON *root, scene__taken *out) {
+    cJSON *const materials = scene__item(root, "materials"), *material;
+    scene__transform *to;
+    out->material_count = cJSON_GetArraySize(materials);
+    out->transforms = to = (scene__transform *)calloc((size_t)out->material_count * SCENE__PICTURES + 1, sizeof *to);
+    if (!to) { scene__fail_for_memory(file, "it"); return; }
+    cJSON_ArrayForEach(material, materials) {
+        const cJSON *extensions = scene__item(material, "extensions");
+        const cJSON *model = scene__item(material, "pbrMetallicRoughness");
+        const cJSON *other = scene__item(extensions, "KHR_materials_pbrSpecularGlossiness");
+        const cJSON *glass = scene__item(extensions, "KHR_materials_transmission");
+        const cJSON *albedo = scene__item(other, "diffuseTexture");
+        to[SCENE__ALBEDO] = scene__transform_of(albedo ? albedo : scene__item(model, "baseColorTexture"));
+        to[SCENE__EMISSION] = scene__transform_of(scene__item(material, "emissiveTexture"));
+        to[SCENE__SPECULAR] = scene__transform_of(scene__item(model, "metallicRoughnessTexture"));
+        to[SCENE__TRANSMISSION] = scene__transform_of(scene__item(glass, "transmissionTexture"));
+        to[SCENE__NORMAL] = scene__transform_of(scene__item(material, "normalTexture"));
+        to += SCENE__PICTURES;
+    }
+    scene__remove_transforms(materials);
+}
+
+/* Appends to the name of each material the facts that scene__told_by reads, the last of which is its number. */
 static void scene__name_materials(scene_file *file, cJSON *root) {
     cJSON *material;
+    int number = 0;
     cJSON_ArrayForEach(material, scene__item(root, "materials")) {
         const char *name = cJSON_GetStringValue(scene__item(material, "name"));
         char unique[256];
+        number++;
         if (!cJSON_IsObject(material)) continue;
         scene__check_ior(file, material, name ? name : "without name");
-        scene__print(unique, sizeof unique, "%.200s (ior %.9g, %d)", name ? name : "",
-                     scene__ior_of(scene__item(material, "extensions")), scene__bits_of(material));
+        scene__print(unique, sizeof unique, "%.200s (ior %.9g, %d, %d)", name ? name : "",
+                     scene__ior_of(scene__item(material, "extensions")), scene__bits_of(material), number - 1);
         cJSON_DeleteItemFromObjectCaseSensitive(material, "name");
         cJSON_AddStringToObject(material, "name", unique);
     }
@@ -268,11 +339,10 @@ static void scene__check_required(scene_file *file, const cJSON *required) {
     }
 }
 
-/* Refuses a file whose meshes are stored in a way that assimp takes for floats. Warns of other extensions that change
+/* Refuses a file with compressed meshes, which assimp takes for floats. Warns of other extensions that change
    the scene, and that assimp drops. */
 static void scene__check_extensions(scene_file *file, const cJSON *root) {
-    static const char *const refused[] = { "KHR_mesh_quantization", "EXT_meshopt_compression",
-        "KHR_meshopt_compression" };
+    static const char *const refused[] = { "EXT_meshopt_compression", "KHR_meshopt_compression" };
     static const char *const ignored[][2] = {
         { "EXT_mesh_gpu_instancing", "each of its meshes stands only once" },
         { "KHR_node_visibility", "hidden nodes are shown" } };
@@ -287,7 +357,7 @@ static void scene__check_extensions(scene_file *file, const cJSON *root) {
     scene__check_required(file, required);
 }
 
-static void scene__mend_json(scene_file *file, cJSON *root) {
+static void scene__mend_json(scene_file *file, cJSON *root, scene__taken *taken) {
     cJSON *item, *number;
     scene__check_extensions(file, root);
     item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
@@ -296,6 +366,7 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
     scene__order_texcoords(root);
     scene__name_places(file, root);
     scene__name_materials(file, root);
+    scene__take_transforms(file, root, taken);
     cJSON_ArrayForEach(item, scene__item(root, "materials")) {
         cJSON *extensions = scene__item(item, "extensions");
         const cJSON *strength = scene__item(scene__item(extensions, scene__strength_name), "emissiveStrength");
@@ -343,16 +414,19 @@ static int scene__mentions(const scene__bytes *bytes, const char *word) {
     return 0;
 }
 
-/* Edits a file as described at the top. bytes: the content, which is replaced if anything changes */
-static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
+/* Edits a file as described at the top. bytes: the content, which is replaced if anything changes. taken: all 0 before
+   the call */
+static void scene__mend_gltf(scene_file *file, const char *path, scene__bytes *bytes, scene__taken *taken) {
 #ifdef SBL_RENDER_CJSON
     const unsigned char *head = (const unsigned char *)bytes->data;
     const int binary = bytes->size >= 20 && memcmp(head, "glTF", 4) == 0;
     const size_t start = binary ? 20 : 0;
     size_t length = bytes->size - start;
+    scene__bytes inside = { NULL, 0 };
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
-        "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility" };
+        "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility",
+        "KHR_texture_transform", "KHR_mesh_quantization", "normalized" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;
@@ -363,7 +437,12 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     if (!edited) return;
     root = cJSON_ParseWithLength(bytes->data + start, length);
     if (!root) return;
-    scene__mend_json(file, root);
+    scene__mend_json(file, root, taken);
+    if (binary && bytes->size - start - length > 8) {
+        inside.data = bytes->data + start + length + 8;
+        inside.size = bytes->size - start - length - 8;
+    }
+    scene__convert_integers(file, path, inside, root, &taken->floats);
     text = cJSON_PrintUnformatted(root);
     if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
     cJSON_free(text);
@@ -374,10 +453,14 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
                     scene__strength_name);
     if (scene__mentions(bytes, "lightmapScaleOffset") || scene__mentions(bytes, "lightmapIndex"))
         scene__warn(file, "this program was built without cJSON: places in a lightmap (extras) are ignored");
+    if (scene__mentions(bytes, "KHR_texture_transform"))
+        scene__warn(file, "this program was built without cJSON: turned and scaled textures are in wrong places");
     if (scene__mentions(bytes, "extensionsRequired"))
         scene__warn(file, "this program was built without cJSON: extensions that the file requires are not checked");
     if (file->frames_asked)
         scene__fail(file, "this program was built without cJSON, which reading an animated camera needs");
+    (void)path;
+    (void)taken;
 #endif
 }
 

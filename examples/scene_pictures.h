@@ -112,7 +112,7 @@ static char *scene__copy_name(const char *name) {
     return copy;
 }
 
-/* Writes a guess at the path of a picture to `to`, which must be as long as name. attempt: 0 keeps the name; 1 turns
+/* Writes a guess at the path of a file to `to`, which must be as long as name. attempt: 0 keeps the name; 1 turns
    backslashes into slashes; 2 also decodes characters such as %20; 3 also removes the folders; 4 instead removes
    everything up to the last blank, because assimp leaves unknown options in the name */
 static void scene__guess_path(const char *name, int attempt, char *to) {
@@ -133,22 +133,23 @@ static void scene__guess_path(const char *name, int attempt, char *to) {
     if (attempt >= 3 && bare) memmove(start, bare + 1, strlen(bare));
 }
 
-/* Reads a picture file that a scene refers to, relative to the folder of the scene. Returns 0 and sets errno on
-   failure. If no guess at its path can be read and one was outside of the allowed folders, the scene cannot be read. */
-static int scene__slurp_picture(const scene__pictures *p, const char *name, scene__bytes *out) {
-    const char *slash = strrchr(p->path, '/');
-    const size_t folder = slash ? (size_t)(slash - p->path) + 1 : 0;
+/* Reads a file that a scene refers to by name, relative to the folder of the scene. Returns 0 and sets errno on
+   failure. If no guess at its path can be read and one was outside of the allowed folders, the scene cannot be read.
+   scene_path: path of the scene file */
+static int scene__slurp_named(scene_file *file, const char *scene_path, const char *name, scene__bytes *out) {
+    const char *slash = strrchr(scene_path, '/');
+    const size_t folder = slash ? (size_t)(slash - scene_path) + 1 : 0;
     char *path = (char *)malloc(folder + strlen(name) + 1), *refused = NULL;
     int done = 0, i, error = ENOENT;
     for (i = name[0] == '/' ? -1 : 0; path && i < 5 && !done; i++) {
-        memcpy(path, p->path, folder);
+        memcpy(path, scene_path, folder);
         if (i < 0) strcpy(path, name);
         else scene__guess_path(name, i, path + folder);
-        done = scene__slurp(p->file, path, out);
+        done = scene__slurp(file, path, out);
         if (!done && errno != ENOENT) error = errno;
         if (!done && errno == SCENE__REFUSED && !refused) refused = scene__copy_name(path);
     }
-    if (!done && refused) scene__refuse(p->file, refused);
+    if (!done && refused) scene__refuse(file, refused);
     free(refused);
     free(path);
     errno = error;
@@ -182,7 +183,7 @@ static const char *scene__read_picture(const scene__pictures *p, const char *nam
     if (p->embedded(p->scene, name, &inside)) {
         if (inside.height) return scene__convert_texels(p->file, &inside, out);
     } else {
-        if (!scene__slurp_picture(p, name, &bytes)) return scene__why();
+        if (!scene__slurp_named(p->file, p->path, name, &bytes)) return scene__why();
         inside.data = bytes.data;
         inside.size = bytes.size;
     }

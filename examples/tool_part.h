@@ -15,16 +15,17 @@ static unsigned long long plan_hash(unsigned long long hash, const void *data, s
 /* Writes the given options in one line, except for those in `without`, a list that ends with -1. */
 static void plan_options(char *out, size_t size, const tool_option *table, int count, const int *given,
                          const int *without) {
-    char value[256];
     size_t used = 0;
     int i, k;
     out[0] = 0;
     for (i = 0; i < count; i++) {
         for (k = 0; without[k] >= 0 && without[k] != i; k++) continue;
-        if (!given[i] || without[k] == i || used >= size) continue;
-        tool_value(&table[i], value, sizeof value);
-        used += (size_t)snprintf(out + used, size - used, "%s%s%s%s", used ? " " : "", table[i].name,
-                                 value[0] ? "=" : "", value);
+        if (!given[i] || without[k] == i) continue;
+        used += (size_t)snprintf(out + used, size - used, "%s%s=", used ? " " : "", table[i].name);
+        if (used >= size) return;
+        tool_value(&table[i], out + used, size - used);
+        if (!out[used]) out[--used] = 0;  /* without a value, there is no = */
+        used += strlen(out + used);
     }
 }
 

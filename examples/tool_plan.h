@@ -183,12 +183,13 @@ static void plan_fact(plan *p, int fact, const char *format, ...) {
 }
 
 /* Sets the fact with the options; see plan_options. Control characters, which file names may contain, become question
-   marks, because a fact of a plan is one line. */
+   marks, because a fact of a plan is one line. A hash replaces a text that is too long for a fact. */
 static void plan_options_fact(plan *p, const tool_option *table, int count, const int *given, const int *without) {
-    char *c = p->facts[FACT_OPTIONS].text;
-    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
-    plan_options(c, PICTURE_FACT_SIZE, table, count, given, without);
-    for (; *c; c++) if ((unsigned char)*c < 32) *c = '?';
+    char text[16 * PICTURE_FACT_SIZE], *c;
+    plan_options(text, sizeof text, table, count, given, without);
+    for (c = text; *c; c++) if ((unsigned char)*c < 32) *c = '?';
+    if (c - text < PICTURE_FACT_SIZE) plan_fact(p, FACT_OPTIONS, "%s", text);
+    else plan_fact(p, FACT_OPTIONS, "%016llx", plan_hash(PLAN_HASH_START, text, (size_t)(c - text)));
 }
 
 /* ---- the small version of a picture ---- */

@@ -667,6 +667,8 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     scene_file_note_units(file, text, sizeof text);
     if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
     if (without_effect[0]) warn("no effect: %s", without_effect);
+    if (given[LIGHT_SCALE] && !file->scene.light_count)
+        warn("no effect: --light-scale (the file has no lights; emission and sky are not scaled)");
     if (task->unplaced)
         tell("%s: the camera of the file is that of a new Blender file, and inside the model: another one is chosen; "
              "--eye X,Y,Z places it", common.scene);

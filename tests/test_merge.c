@@ -79,6 +79,8 @@ TEST(parts_make_a_png) {
     CHECK(RENDER(PICTURE, "-o", "whole.png", "--exposure", "1") == 0, "%s", ran.err);
     REQUIRE(make_parts("shown", 2, "--channel=display", "--exposure=1"), "%s", ran.err);
     CHECK(MERGE("shown.1.exr", "shown.2.exr", "-o", "all.png") == 0 && !ran.err[0], "%s", ran.err);
+    CHECK(MERGE("shown.1.exr", "shown.2.exr", "-o", "all.exr", "--exposure", "1") == 2 && said("contains the exposure"),
+          "the exposure is applied twice: %s", ran.err);
     CHECK(png_off("whole.png", "all.png") < 4, "the mean difference is %g of 255", png_off("whole.png", "all.png"));
     CHECK(RENDER(PICTURE, "--channel=error", "-o", "error.png") == 0, "%s", ran.err);
     REQUIRE(make_parts("errors", 2, "--channel=error", NULL), "%s", ran.err);
@@ -86,6 +88,8 @@ TEST(parts_make_a_png) {
           "errors: the mean difference is %g of 255: %s", png_off("error.png", "all.png"), ran.err);
     REQUIRE(make_parts("light", 2, "--exposure=1", NULL), "%s", ran.err);
     CHECK(MERGE("light.1.exr", "light.2.exr", "-o", "all.png") == 0 && said("--channel display"), "%s", ran.err);
+    CHECK(MERGE("light.1.exr", "light.2.exr", "-o", "all.exr", "--exposure", "1") == 0 &&
+          said("no effect: --exposure"), "%s", ran.err);
 }
 
 /* A part has the same bits after other work, with the plan of another run, and if a scheduler gives the number of the

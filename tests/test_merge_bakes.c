@@ -82,14 +82,15 @@ TEST(parts_of_a_grid) {
 }
 
 /* Joined parts of a list of positions equal the file of the complete bake. The list may have another name on another
-   machine. */
+   machine, a byte order mark, and lines of any length. */
 TEST(parts_of_a_list) {
-    char text[1024] = "";
+    char text[1024] = "", longer[2048];
     int i;
     meshes_obj();
     for (i = 0; i < 7; i++) sprintf(text + strlen(text), "%g 1.5 %g\n", 0.2 * i - 1, 0.1 * i);
     write_text("points.txt", text);
-    write_text("other name.txt", text);
+    sprintf(longer, "\xef\xbb\xbf%s#%504s 7 8 9\n", text, "");
+    write_text("other name.txt", longer);
     REQUIRE(BAKE("meshes.obj", FAST, "--probes", "points.txt", "-o", "whole.json") == 0, "%s", ran.err);
     REQUIRE(PARTS("p", ".json", 3, "meshes.obj", FAST, "--probes", "points.txt"), "%s", ran.err);
     CHECK(BAKE("meshes.obj", FAST, "--probes", "9x9x9", "--probes", "other name.txt", "--part=2/3", "-o",
@@ -139,11 +140,12 @@ TEST(parts_with_light_groups) {
     static const char *const edits[][2] = { { "{\"above\": {", "{\"about\": {" }, { "\"rest\"]", "\"res t\"" },
                                             { "\"rest\"]", "\"fest\"]" },
                                             { "property float radiance_rest_g", "property float radiance_rest_h" } };
-    static char text[65536];
+    static char text[65536], stars[125];
     size_t i;
     int lines;
 #define GROUPS "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky"
     meshes_obj();
+    memset(stars, '*', sizeof stars - 1);
     REQUIRE(BAKE(PROBES, GROUPS, "-o", names[0]) == 0 && BAKE(VERTICES, GROUPS, "-o", names[1]) == 0 &&
             PARTS("p", ".json", 2, PROBES, GROUPS) && PARTS("v", ".ply", 3, VERTICES, GROUPS), "%s", ran.err);
     CHECK(MERGE("p.2.json", "p.1.json", "-o", "all.json") == 0 && same_files("all.json", names[0]), "%s", ran.err);
@@ -151,6 +153,13 @@ TEST(parts_with_light_groups) {
           ran.err);
     REQUIRE(PARTS("o", ".ply", 3, VERTICES, "--sky", "0.3,0.2,0.1", "--light-groups", "beyond=sky"), "%s", ran.err);
     CHECK(MERGE("v.1.ply", "o.2.ply", "v.3.ply", "-o", "no.ply") == 1 && said("other options"), "%s", ran.err);
+    for (i = 0; i < 2; i++) {  /* the lists of groups differ only after 255 characters */
+        char list[300], name[16];
+        sprintf(list, "a=[!s]%s,b=sky%s", stars + 3, stars + i);
+        sprintf(name, "l%d", (int)i);
+        REQUIRE(PARTS(name, ".json", 2, PROBES, "--sky", "0.3,0.2,0.1", "--light-groups", list), "%s", ran.err);
+    }
+    CHECK(MERGE("l0.1.json", "l1.2.json", "-o", "no.json") == 1 && said("other options"), "%s", ran.err);
     for (i = 0; i < 4; i++) {
         const char *from = i < 3 ? "p.2.json" : "v.2.ply", *to = i < 3 ? "bad.json" : "bad.ply";
         FILE *in = fopen(in_folder(from), "rb");

@@ -1108,6 +1108,254 @@ TEST(coordinates_of_normals) {
                       "those of its metal are used");
 }
 
+#define TURNED(more) "\"extensions\":{\"KHR_texture_transform\":{\"rotation\":0.5,\"scale\":[2,3]," \
+    "\"offset\":[0.1,0.2]" more "}}"
+
+/* KHR_texture_transform scales, then turns, then moves the texture coordinates; those of lightmaps stay, even if other
+   textures have other coordinates. Its texCoord chooses the set. */
+TEST(transforms_of_texture_coordinates) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const struct { const char *material; float from[6]; int warnings; } cases[] = {
+        { MODEL("\"baseColorTexture\":{\"index\":0," TURNED("") "}"), { 0, 0, 0, 1, 0, 0 }, 0 },
+        { MODEL("\"baseColorTexture\":{\"index\":0,\"texCoord\":1," TURNED("") "}"), { 1, 0, 0, 0, 1, 0 }, 0 },
+        { MODEL("\"baseColorTexture\":{\"index\":0," TURNED(",\"texCoord\":1") "}"), { 1, 0, 0, 0, 1, 0 }, 0 },
+        { MODEL("\"baseColorTexture\":{\"index\":0," TURNED("") "}") ",\"emissiveFactor\":[1,1,1],"
+          "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}", { 0, 0, 0, 1, 0, 0 }, 1 } };
+    static const float lightmap[6] = { 1, 0, 0, 0, 1, 0 };
+    const double c = cos(0.5), s = sin(0.5);
+    size_t i;
+    int k;
+#ifndef SBL_RENDER_CJSON
+    SKIP("transforms need cJSON");
+#endif
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        float expected[6];
+        scene_file *file;
+        write_materials("turned.gltf", cases[i].material);
+        file = read_back("turned.gltf", 0);
+        REQUIRE(file, "case %d: %s", (int)i, error);
+        for (k = 0; k < 6; k += 2) {
+            const double u = 2 * (double)cases[i].from[k], v = 3 * (double)cases[i].from[k + 1];
+            expected[k] = (float)(c * u + s * v + 0.1);
+            expected[k + 1] = (float)(c * v - s * u + 0.2);
+        }
+        CHECK(is_near((const float *)file->scene.meshes[0].texcoords.data, expected, 6), "case %d: wrong coordinates",
+              (int)i);
+        CHECK(is_near((const float *)file->scene.meshes[0].lightmap_texcoords.data, lightmap, 6),
+              "case %d: the coordinates in the lightmap changed", (int)i);
+        CHECK(file->warning_count == cases[i].warnings, "case %d: %d warnings", (int)i, file->warning_count);
+        scene_file_free(file);
+    }
+}
+
+/* A texture that is mirrored, or clamped along one axis, is repeated. This is counted only if coordinates leave the
+   range 0 to 1 along that axis. */
+TEST(repeated_textures_are_counted) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const struct { int wraps[2], axis; double scale; int counted; } cases[] = {
+        { { 33648, 10497 }, 0, 1, 0 }, { { 33648, 10497 }, 0, 2, 1 }, { { 33648, 10497 }, 1, 2, 0 },
+        { { 10497, 33071 }, 1, 2, 1 }, { { 33071, 33071 }, 0, 2, 0 }, { { 10497, 10497 }, 0, 2, 0 } };
+    char text[2048];
+    size_t i;
+#ifndef SBL_RENDER_CJSON
+    SKIP("transforms need cJSON");
+#endif
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        scene_file *file;
+        snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},\"images\":[{\"uri\":\"two.png\"}],"
+                 "\"samplers\":[{\"wrapS\":%d,\"wrapT\":%d}],\"textures\":[{\"source\":0,\"sampler\":0}],"
+                 "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"extensions\":"
+                 "{\"KHR_texture_transform\":{\"scale\":[%g,%g]}}}}}],\"meshes\":[{\"primitives\":[{\"attributes\":"
+                 "{\"POSITION\":0,\"TEXCOORD_0\":1},\"material\":0}]}],\"nodes\":[{\"mesh\":0}],"
+                 "\"scenes\":[{\"nodes\":[0]}],\"scene\":0,\"accessors\":[{\"bufferView\":0,"
+                 "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":0,\"byteOffset\":%d,"
+                 "\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"}],\"bufferViews\":[{\"buffer\":0,"
+                 "\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;"
+                 "base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}]}", cases[i].wraps[0],
+                 cases[i].wraps[1], cases[i].scale, cases[i].scale, cases[i].axis ? 0 : 4);
+        write_text("wraps.gltf", text);
+        file = read_back("wraps.gltf", 0);
+        REQUIRE(file, "case %d: %s", (int)i, error);
+        CHECK(file->simplified[SCENE_FILE_WRAP] == cases[i].counted && !file->warning_count, "case %d: %d are counted",
+              (int)i, file->simplified[SCENE_FILE_WRAP]);
+        scene_file_free(file);
+    }
+}
+
+/* ---- vertices of integers ---- */
+
+/* Positions of shorts, normals of signed bytes, and texture coordinates of unsigned shorts and bytes, three of each. */
+static const unsigned char integers[18 + 2 + 12 + 12 + 12] = {
+    0, 0, 0, 0, 0, 0,  100, 0, 0, 0, 0, 0,  0, 0, 0x9c, 0xff, 0, 0,  0, 0,  /* the last position is 0 -100 0 */
+    0, 0, 127, 0,  0, 0x80, 0, 0,  127, 0, 0, 0,                            /* the second normal is 0 -1 0 */
+    0, 0, 0xff, 0xff,  0xff, 0xff, 0, 0,  0x33, 0x33, 0, 0,
+    0, 255, 9, 9,  255, 0, 9, 9,  51, 0, 9, 9
+};
+
+/* Returns the JSON of a triangle of integers. buffer: further members of its buffer; more: those of its positions */
+static const char *of_integers(const char *buffer, const char *more) {
+    static char text[2048];
+    snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},\"extensionsRequired\":[\"KHR_mesh_quantization\"],"
+             "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2,"
+             "\"TEXCOORD_1\":3}}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}],\"scene\":0,"
+             "\"accessors\":[{\"bufferView\":0,\"componentType\":5122,\"count\":3,\"type\":\"VEC3\"%s},"
+             "{\"bufferView\":1,\"componentType\":5120,\"normalized\":true,\"count\":3,\"type\":\"VEC3\"},"
+             "{\"bufferView\":1,\"byteOffset\":12,\"componentType\":5123,\"normalized\":true,\"count\":3,"
+             "\"type\":\"VEC2\"},{\"bufferView\":1,\"byteOffset\":24,\"componentType\":5121,\"normalized\":true,"
+             "\"count\":3,\"type\":\"VEC2\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":18},{\"buffer\":0,"
+             "\"byteOffset\":20,\"byteLength\":36,\"byteStride\":4}],\"buffers\":[{\"byteLength\":56%s}]}", more,
+             buffer);
+    return text;
+}
+
+/* Writes the triangle as a .glb. */
+static void write_integers_glb(const char *name) {
+    FILE *out = fopen(in_folder(name), "wb");
+    const char *text = of_integers("", "");
+    const size_t size = strlen(text), padded = (size + 3) & ~(size_t)3;
+    if (!out) return;
+    fwrite("glTF\2\0\0\0", 1, 8, out);
+    gltf__put_word(out, (uint32_t)(12 + 8 + padded + 8 + sizeof integers));
+    gltf__put_word(out, (uint32_t)padded);
+    fprintf(out, "JSON%-*s", (int)padded, text);
+    gltf__put_word(out, (uint32_t)sizeof integers);
+    fwrite("BIN\0", 1, 4, out);
+    fwrite(integers, 1, sizeof integers, out);
+    fclose(out);
+}
+
+/* Vertices of integers become floats, from a .glb, from a file whose name has a blank, and from base64. What cannot be
+   read is refused. */
+TEST(integers_become_floats) {
+    static const char *const names[] = { "integers.glb", "integers.gltf", "base64.gltf" };
+    static const float positions[9] = { 0, 0, 0, 100, 0, 0, 0, -100, 0 }, normals[9] = { 0, 0, 1, 0, -1, 0, 1, 0, 0 };
+    static const float texcoords[6] = { 0, 1, 1, 0, 0.2f, 0 };
+    FILE *out = fopen(in_folder("a b%.bin"), "wb");
+    size_t i;
+#ifndef SBL_RENDER_CJSON
+    SKIP("integers need cJSON");
+#endif
+    REQUIRE(out && fwrite(integers, 1, sizeof integers, out) == sizeof integers && fclose(out) == 0, "no file");
+    write_integers_glb("integers.glb");
+    write_text("integers.gltf", of_integers(",\"uri\":\"a%20b%25.bin\"", ""));
+    write_text("base64.gltf", of_integers(",\"uri\":\"data:;base64,AAAAAAAAZAAAAAAAAACc/wAAAAAAAH8AAIAAAH8AAAAAAP////8A"
+                                          "ADMzAAAA/wkJ/wAJCTMACQk=\"", ""));
+    for (i = 0; i < 3; i++) {
+        scene_file *file = read_back(names[i], 0);
+        const sbl_mesh *m = file ? &file->scene.meshes[0] : NULL;
+        REQUIRE(m && m->vertex_count == 3, "%s: %s", names[i], error);
+        CHECK(is_near((const float *)m->positions.data, positions, 9), "%s: wrong positions", names[i]);
+        CHECK(is_near((const float *)m->normals.data, normals, 9), "%s: wrong normals", names[i]);
+        CHECK(is_near((const float *)m->texcoords.data, texcoords, 6) &&
+              is_near((const float *)m->lightmap_texcoords.data, texcoords, 6), "%s: wrong coordinates", names[i]);
+        scene_file_free(file);
+    }
+    write_text("integers.gltf", of_integers(",\"uri\":\"a%20b%25.bin\"", ",\"byteOffset\":1"));
+    CHECK(!read_back("integers.gltf", 0) && strstr(error, "vertices as integers"), "%s", error);
+    write_text("integers.gltf", of_integers(",\"uri\":\"absent.bin\"", ""));
+    CHECK(!read_back("integers.gltf", 0) && strstr(error, "vertices as integers"), "%s", error);
+}
+
+/* The name of a buffer is a URI. A file that has the name as it is written counts first. */
+TEST(names_of_buffers) {
+    static const float corners[2][9] = { { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, { 0, 0, 0, 2, 0, 0, 0, 1, 0 } };
+    static const char *const names[2] = { "c d.bin", "c%20d.bin" };
+    int i;
+    write_text("uri.gltf", "{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":"
+               "{\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}],\"scene\":0,\"accessors\":"
+               "[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":"
+               "[{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"c%20d.bin\"}]}");
+    for (i = 0; i < 2; i++) {
+        FILE *out = fopen(in_folder(names[i]), "wb");
+        scene_file *file;
+        REQUIRE(out && fwrite(corners[i], 1, 36, out) == 36 && fclose(out) == 0, "no file");
+        file = read_back("uri.gltf", 0);
+        REQUIRE(file, "%s: %s", names[i], error);
+        CHECK(is_near((const float *)file->scene.meshes[0].positions.data, corners[i], 9), "%s: other positions",
+              names[i]);
+        scene_file_free(file);
+    }
+}
+
+/* ---- OBJ ---- */
+
+/* Writes plain.obj: a triangle for each of the materials m0, m1, ... mtl: its .mtl file; start: the first bytes of both
+   files */
+static scene_file *read_obj(const char *start, const char *mtl, int count) {
+    char text[1024];
+    int n, i;
+    snprintf(text, sizeof text, "%s%s", start, mtl);
+    write_text("plain.mtl", text);
+    n = sprintf(text, "%smtllib plain.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n", start);
+    for (i = 0; i < count; i++) n += sprintf(text + n, "usemtl m%d\nf 1/1 2/1 3/1\n", i);
+    write_text("plain.obj", text);
+    return read_back("plain.obj", 0);
+}
+
+/* Surfaces that are left out because they are transparent are counted. If nothing else is left, the message says so. */
+TEST(transparent_surfaces_are_counted) {
+    scene_file *file = read_obj("", "newmtl m0\nd 0.3\nnewmtl m1\nd 0\nnewmtl m2\nKd 1 1 1\n", 3);
+    REQUIRE(file, "%s", error);
+    CHECK(file->scene.mesh_count == 1 && file->simplified[SCENE_FILE_GONE] == 2, "%d meshes, %d left out",
+          file->scene.mesh_count, file->simplified[SCENE_FILE_GONE]);
+    scene_file_free(file);
+    CHECK(!read_obj("", "newmtl m0\nTr 0.8\n", 1) && strstr(error, "all its surfaces are transparent"), "%s", error);
+    write_materials("gone.gltf", MODEL("\"baseColorFactor\":[1,1,1,0]") ",\"alphaMode\":\"BLEND\"|"
+                    MODEL("\"baseColorFactor\":[1,1,1,0.2]") ",\"alphaMode\":\"BLEND\"|" MODEL(""));
+    file = read_back("gone.gltf", 0);
+    REQUIRE(file, "%s", error);
+    CHECK(file->scene.mesh_count == 1 && file->simplified[SCENE_FILE_GONE] == 1, "%d meshes, %d left out",
+          file->scene.mesh_count, file->simplified[SCENE_FILE_GONE]);
+    scene_file_free(file);
+}
+
+/* A byte order mark is no part of the first line of an .obj or .mtl file. Scaled and moved textures cause a warning. An
+   OBJ file without materials has the colours of its vertices. */
+TEST(oddities_of_obj) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    scene_file *file = read_obj("\xef\xbb\xbf", "newmtl m0\nKd 1 0.5 0\n", 1);
+    REQUIRE(file, "%s", error);
+    CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "red is %g",
+          (double)material_of(file, 0)->albedo[0]);
+    scene_file_free(file);
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    file = read_obj("", "newmtl m0\nmap_Kd -s 1 1 1 -o 0 0 0 two.png\n", 1);
+    CHECK(file && !file->warning_count, "%s", file ? file->warnings[0] : error);
+    scene_file_free(file);
+    file = read_obj("", "newmtl m0\nKd 1 1 1\nmap_Kd -o 0 0.5 0 two.png\n", 1);
+    CHECK(file && file->warning_count == 1 && strstr(file->warnings[0], "-s and -o are ignored"), "%s",
+          file ? file->warnings[0] : error);
+    scene_file_free(file);
+    write_text("plain.obj", "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n");
+    file = read_back("plain.obj", 0);
+    REQUIRE(file && file->scene.meshes[0].colors.data, "%s", error);
+    CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "the factor is %g",
+          (double)material_of(file, 0)->albedo[0]);
+    scene_file_free(file);
+}
+
+/* Names of meshes keep all characters, and the name of the .bin is written as a URI. */
+TEST(written_names) {
+    const char *const names[] = { "gr\xc3\xbc\"n \xff\n" };
+    scene_file *file;
+    gltf_file out;
+    FILE *stream = fopen(in_folder("names.gltf"), "wb");
+    write_materials("plain.gltf", MODEL(""));
+    file = read_back("plain.gltf", 0);
+    REQUIRE(file && stream, "%s", error);
+    memset(&out, 0, sizeof out);
+    out.scene = &file->scene;
+    out.names = names;
+    out.bin = "a \xc3\xbc\"50%.bin";
+    CHECK(gltf_write_json(stream, &out), "the .gltf is not written");
+    fclose(stream);
+    CHECK(has_text("names.gltf", "\"gr\xc3\xbc\\\"n ??\""), "another name of the mesh");
+    CHECK(has_text("names.gltf", "\"uri\": \"a%20%C3%BC%2250%25.bin\""), "another name of the .bin");
+    scene_file_free(file);
+}
+
 /* In OBJ, `norm` is a normal map. The texture coordinates of OBJ, which begin at the bottom, are flipped. Height maps
    are counted and not used. */
 TEST(normals_of_obj) {
@@ -1445,7 +1693,14 @@ int main(void) {
     RUN(sets_and_maps);
     RUN(normals_of_gltf);
     RUN(five_textures_per_material);
-    RUN_UNSANITIZED(coordinates_of_normals);  /* assimp 5.2 leaks memory with such files */
+    RUN(coordinates_of_normals);
+    RUN(transforms_of_texture_coordinates);
+    RUN(repeated_textures_are_counted);
+    RUN(integers_become_floats);
+    RUN(names_of_buffers);
+    RUN(transparent_surfaces_are_counted);
+    RUN(oddities_of_obj);
+    RUN(written_names);
     RUN(normals_of_obj);
     RUN(written_normals_are_read_again);
     RUN(the_deadline_stands);
