@@ -499,8 +499,9 @@
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
    mouldings they lean far from the true normals, so that a path tracer, which uses true normals, finds other light
-   there. With a facet_limit of 2, narrow triangles are lit by their true normals, too: this is as accurate as a picture
-   of the scene, but if a ball is seen from so near that a texel is larger than a pixel, its facets show.
+   there. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay smooth.
+   With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near that a
+   texel is larger than a pixel, its facets then show.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
    Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
@@ -1600,9 +1601,10 @@ typedef struct sbl_lightmap_desc {
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
                                   texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
-    float facet_limit;         /* if above 0, triangles whose least height is at most this many texels of the mean width
-                                  are lit by their true normals, see ON LIGHTMAPS; from twice this height on, shading
-                                  normals are used, and in between, a mixture. Default: 0, shading normals */
+    float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
+                                  their true normals, see ON LIGHTMAPS; from twice this height on, shading normals are
+                                  used, and in between, a mixture. Default (0): 2, but only near edges where surfaces
+                                  meet at more than 60 degrees. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
@@ -9391,7 +9393,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     picture.look_rays = d->look_rays;
     picture.tile = d->tile;
     picture.threshold = d->threshold;
-    picture.facet_limit = d->facet_limit > 0 ? d->facet_limit : -1;
+    picture.facet_limit = d->facet_limit;  /* 0: the default of pictures, only at sharp edges */
     picture.filter_radius = d->filter_radius;
     picture.samples = 1;
     sbl__identity(picture.world_to_view);
@@ -9661,7 +9663,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    chart. */
 
 /* Words of a texel in sbl__atlas.texels: 1 + index of the triangle in the scene (0: none); barycentric weights of
-   corners 1 and 2, as floats; 1 + chart index */
+   corners 1 and 2, as floats; 1 + chart index. The sign bit of the first weight is 1 if facet_limit affects the
+   triangle. */
 #define SBL__ATLAS_WORDS 4
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
@@ -9673,6 +9676,10 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    of a wall would stand inside the adjoining wall. */
 #define SBL__ATLAS_INSET 0.02
 #define SBL__ATLAS_INSET_MOST 0.01
+#define SBL__ATLAS_SHARP 0.49   /* an edge is sharp if the cosine of the angle between its triangles' normals is less:
+                                   60.7 degrees, so that pipes of six sides have no sharp edges */
+#define SBL__ATLAS_ROUNDS 3     /* number of triangles over which the marks of sharp edges spread */
+#define SBL__ATLAS_MARK 0x80000000u  /* the sign bit of a texel's first weight */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
@@ -9688,6 +9695,13 @@ typedef struct sbl__atlas {
                                    index of its chart. NULL after drawing */
     sbl__hash_table positions;  /* finds vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
+    float facet_limit;          /* in texels of the lightmap; 0: not used */
+    int at_edges;               /* 1: facet_limit affects only marked triangles; 0: all */
+    uint32_t *welded;           /* while triangles are marked: for each vertex, the first of its mesh at its position */
+    uint32_t *corners, *beside; /* three words per triangle, while triangles are marked: its welded vertices; for each
+                                   side, the triangle on the other side of the edge, or SBL__NONE */
+    sbl__hash_table ends;       /* finds sides by their ends */
+    unsigned char *marks;       /* per triangle: 0, or 1 + its distance in triangles from a sharp edge */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
                                    number of triangles that overlap it there, see sbl__atlas_others */
@@ -9704,6 +9718,11 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->parents);
     sbl__hash_table_free(base, &a->positions);
     sbl__free(base, a->texels);
+    sbl__free(base, a->welded);
+    sbl__free(base, a->corners);
+    sbl__free(base, a->beside);
+    sbl__hash_table_free(base, &a->ends);
+    sbl__free(base, a->marks);
     sbl__free(base, a->away);
     memset(a, 0, sizeof *a);
 }
@@ -9935,7 +9954,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    shares[0] = (float)weights[1];
+    shares[0] = (float)fabs(weights[1]);  /* without a sign, see SBL__ATLAS_MARK */
     shares[1] = (float)weights[2];
     memcpy(texel + 1, shares, sizeof shares);
     texel[3] = t->chart + 1;
@@ -10084,6 +10103,126 @@ static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weigh
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
+/* >>atlas: sharp edges. The vertex normals of mouldings, frames and bars lean away from the true normals. Such parts
+   have narrow triangles between edges where surfaces meet at more than 60 degrees, but a ball has no such edges. Each
+   narrow triangle at a sharp edge is marked, and the marks spread to narrow neighbours. A triangle is narrow if its
+   height above the edge is at most twice facet_limit: a sharp edge at the end of a pipe thus marks no triangle that is
+   as long as the pipe. */
+
+static sbl_result sbl__atlas_mark_begin(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const sbl__geometry *g = a->geometry;
+    const size_t triangles = (size_t)g->triangle_count;
+    (void)slice;
+    if (!a->at_edges || !(a->facet_limit > 0)) return SBL_SUCCESS;
+    a->marks = (unsigned char *)sbl__alloc(a->base, triangles, 1);
+    a->welded = (uint32_t *)sbl__alloc_raw(a->base, (size_t)g->vertex_count, sizeof *a->welded);
+    a->corners = (uint32_t *)sbl__alloc_raw(a->base, triangles, 3 * sizeof *a->corners);
+    a->beside = (uint32_t *)sbl__alloc_raw(a->base, triangles, 3 * sizeof *a->beside);
+    if (!a->marks || !a->welded || !a->corners || !a->beside ||
+        sbl__hash_table_make(a->base, &a->positions, g->vertex_count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__hash_table_make(a->base, &a->ends, 3.0 * g->triangle_count);
+}
+
+static int sbl__atlas_mark_vertices(void *work) {
+    return ((sbl__atlas *)work)->marks ? sbl__atlas_vertices(work) : 0;
+}
+
+static int sbl__atlas_mark_triangles(void *work) {
+    return ((sbl__atlas *)work)->marks ? sbl__atlas_triangles(work) : 0;
+}
+
+static int sbl__atlas_mark_visits(void *work) { return SBL__ATLAS_ROUNDS * sbl__atlas_mark_triangles(work); }
+
+static sbl_result sbl__atlas_mark_weld(void *work, int at) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    a->welded[at] = sbl__hash_table_first(&a->positions, sbl__position_hash(a->geometry, (uint32_t)at), (uint32_t)at,
+                                          sbl__same_position, a->geometry);
+    return SBL_SUCCESS;
+}
+
+/* Finds the triangles beside a triangle. */
+static sbl_result sbl__atlas_mark_join(void *work, int at) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    size_t k;
+    for (k = 3 * (size_t)at; k < 3 * (size_t)at + 3; k++) a->corners[k] = a->welded[a->geometry->indices[k]];
+    for (k = 3 * (size_t)at; k < 3 * (size_t)at + 3; k++) {
+        const uint32_t side = (uint32_t)k, first = sbl__first_side(&a->ends, a->corners, side);
+        a->beside[side] = first == side ? SBL__NONE : first / 3;
+        if (first != side) a->beside[first] = (uint32_t)at;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Returns 1 if a triangle is narrow above a side. */
+static int sbl__atlas_is_narrow(const sbl__atlas *a, uint32_t triangle, uint32_t side) {
+    const sbl__geometry *g = a->geometry;
+    const float *p = g->vertices[g->indices[side]].position;
+    const float *q = g->vertices[g->indices[side - side % 3 + (side + 1) % 3]].position;
+    double normal[3], length2 = 0;
+    const double twice_area = 2 * sbl__scene_normal(g, triangle, normal);
+    int k;
+    for (k = 0; k < 3; k++) length2 += ((double)p[k] - q[k]) * ((double)p[k] - q[k]);
+    return twice_area <= 2 * (double)a->facet_limit * (double)sbl__facet_unit(a) * sqrt(length2);
+}
+
+/* Marks a triangle in round 0 at a sharp edge, and in later rounds beside a marked narrow one. */
+static void sbl__atlas_mark_visit(sbl__atlas *a, uint32_t triangle, int round) {
+    double normal[3], other[3];
+    uint32_t side;
+    sbl__scene_normal(a->geometry, triangle, normal);
+    for (side = 3 * triangle; side < 3 * triangle + 3 && !a->marks[triangle]; side++) {
+        const uint32_t beside = a->beside[side];
+        double cosine = 0;
+        int k;
+        if (beside == SBL__NONE || !sbl__atlas_is_narrow(a, triangle, side)) continue;
+        if (round && (!a->marks[beside] || a->marks[beside] > round)) continue;
+        sbl__scene_normal(a->geometry, beside, other);
+        for (k = 0; k < 3; k++) cosine += normal[k] * other[k];
+        if ((cosine < SBL__ATLAS_SHARP) == !round) a->marks[triangle] = (unsigned char)(round + 1);
+    }
+}
+
+static sbl_result sbl__atlas_mark_sharp(void *work, int at) {
+    sbl__atlas_mark_visit((sbl__atlas *)work, (uint32_t)at, 0);
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__atlas_mark_spread(void *work, int at) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const int count = a->geometry->triangle_count;
+    sbl__atlas_mark_visit(a, (uint32_t)(at % count), 1 + at / count);
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__atlas_mark_end(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    (void)slice;
+    sbl__free(a->base, a->welded);
+    sbl__free(a->base, a->corners);
+    sbl__free(a->base, a->beside);
+    a->welded = a->corners = a->beside = NULL;
+    sbl__hash_table_free(a->base, &a->positions);
+    sbl__hash_table_free(a->base, &a->ends);
+    return SBL_SUCCESS;
+}
+
+/* Returns 1 if facet_limit affects a triangle. */
+static int sbl__atlas_is_marked(const sbl__atlas *a, uint32_t triangle) { return !a->marks || a->marks[triangle]; }
+
+static int sbl__atlas_lines(void *work) { return ((sbl__atlas *)work)->height; }
+
+/* Sets SBL__ATLAS_MARK in a row of texels. */
+static sbl_result sbl__atlas_mark_row(void *work, int row) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    uint32_t *texel = a->texels + SBL__ATLAS_WORDS * (size_t)row * (size_t)a->width;
+    int i;
+    for (i = 0; i < a->width; i++, texel += SBL__ATLAS_WORDS)
+        if (texel[0] && sbl__atlas_is_marked(a, texel[0] - 1)) texel[1] |= SBL__ATLAS_MARK;
+    return SBL_SUCCESS;
+}
+
 /* Draws the atlas in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
    sbl__atlas_tell_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
@@ -10091,7 +10230,14 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
         { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
         { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
-        { sbl__atlas_draw, NULL, NULL, NULL }
+        { sbl__atlas_draw, NULL, NULL, NULL },
+        { sbl__atlas_mark_begin, NULL, NULL, NULL },
+        { NULL, NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices },
+        { NULL, NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles },
+        { NULL, NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles },
+        { NULL, NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits },
+        { sbl__atlas_mark_end, NULL, NULL, NULL },
+        { NULL, NULL, sbl__atlas_mark_row, sbl__atlas_lines }
     };
     return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
 }
@@ -10743,9 +10889,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "    if (triangle > 0u) {\n",
 "#ifdef SBL_LIGHTMAP\n",
-"        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));\n",
+"        sbl_Surface s = sbl_surface_front(int(triangle) - 1, abs(uintBitsToFloat(texel.y)),\n",
+"                                          uintBitsToFloat(texel.z));\n",
 "        s.id = texel.w;\n",
-"        if (facet_limit > 0.0)\n",
+"        if (facet_limit > 0.0 && (texel.y & 0x80000000u) != 0u)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
 "                                     clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));\n",
 "#else\n",
@@ -18794,7 +18941,8 @@ static int sbl__places_of(sbl__refine *r, int index) {
         sbl_site at;
         if (triangle == SBL__NONE) continue;
         sbl__surface_site(r->atlas->geometry, triangle, weights, &at);
-        sbl__surface_facet(r->atlas->geometry, triangle, r->facet_limit, &at);
+        if (sbl__atlas_is_marked(r->atlas, triangle))
+            sbl__surface_facet(r->atlas->geometry, triangle, r->facet_limit, &at);
         sbl__refine_site(r, index, count++, 1, site);
         memcpy(site->position, at.position, sizeof at.position);
         memcpy(site->normal, at.normal, sizeof at.normal);
@@ -21915,6 +22063,8 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
     result = sbl__atlas_choose(base, &l->atlas, &m->work.core->scene.geometry, d.meshes, d.mesh_count);
+    l->atlas.facet_limit = SBL__MAX(picture.facet_limit, 0.0f);
+    l->atlas.at_edges = sbl__zero(&d.facet_limit);
     return result == SBL_SUCCESS ? sbl__atlas_begin(&l->atlas, &m->window, m->across) : result;
 }
 

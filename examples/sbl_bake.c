@@ -147,8 +147,8 @@ static const tool_option table[OPTION_COUNT] = {
                       "texels; default 1" },
     [FACET_LIMIT] = { "--facet-limit", "TEXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
                       "with --lightmap: triangles of at most this height in the map use geometric normals; those of "
-                      "at least twice this height use the normals of the file; triangles in between use a mixture. 2 "
-                      "suits rooms with narrow mouldings; default 0: all use the normals of the file" },
+                      "at least twice this height use the normals of the file; triangles in between use a mixture. "
+                      "0: all use the normals of the file. Default: 2, but only near sharp edges" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
                        "also writes the light of each group of sources, from the same rays. All groups add up to the "
                        "light without groups:\n"

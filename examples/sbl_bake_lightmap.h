@@ -493,7 +493,7 @@ static void describe_lightmap(map_bake *b) {
     desc->supersample = options.supersample;
     desc->tile = common.tile;
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
-    desc->facet_limit = (float)options.facet_limit;
+    if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
 }
 

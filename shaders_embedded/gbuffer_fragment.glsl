@@ -312,9 +312,10 @@ void main() {
 #endif
     if (triangle > 0u) {
 #ifdef SBL_LIGHTMAP
-        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));
+        sbl_Surface s = sbl_surface_front(int(triangle) - 1, abs(uintBitsToFloat(texel.y)),
+                                          uintBitsToFloat(texel.z));
         s.id = texel.w;
-        if (facet_limit > 0.0)
+        if (facet_limit > 0.0 && (texel.y & 0x80000000u) != 0u)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));
 #else

@@ -1044,9 +1044,37 @@ TEST(it_comes_in_pieces) {
 
 /* >>small facets */
 
-/* Makes a square floor from 0 to N of N x N squares, whose normals lean by 60 degrees, under a vertical sun. R is 1
-   where a texel shows the true normal, and 0.5 where it shows the leaning one. */
-static void leaning_floor(test_scene *s, int n) {
+enum { LEANING_FLOOR, PIPE, CAPPED_PIPE, BEVEL, BALL };
+
+/* Writes the position and the normal of vertex i of a sheet of n x n squares, see sheet_of. */
+static void sheet_vertex(int shape, int n, int i, float *position, float *normal) {
+    const int column = i % (n + 1), line = i / (n + 1);
+    const double around = shape == BEVEL ? column / 4 / 2.0 + column % 4 / 24.0 : column / (double)n;
+    const double turn = REF_PI * (1 - 2 * around), up = shape == BALL ? (1 - 2.0 * line / n) * REF_PI / 3 : 0;
+    if (shape == LEANING_FLOOR) {
+        position[0] = (float)column;
+        position[1] = 0;
+        position[2] = (float)line;
+        normal[0] = (float)sqrt(0.75);
+        normal[1] = 0.5f;
+        normal[2] = 0;
+        return;
+    }
+    normal[0] = (float)(cos(up) * cos(turn));
+    normal[1] = (float)sin(up);
+    normal[2] = (float)(cos(up) * sin(turn));
+    memcpy(position, normal, 3 * sizeof *position);
+    if (shape == BALL) return;
+    position[1] = 6 * (0.5f - (float)line / (float)n);
+    if (shape == CAPPED_PIPE) position[1] = line < n - 1 ? 3 - 0.01f * (float)line : -3;
+    if (shape == CAPPED_PIPE && line == n) position[0] = position[2] = 0;
+}
+
+/* Makes a sheet of n x n squares under a vertical sun, with a chart that fills the map: a square floor from 0 to n,
+   whose normals lean by 60 degrees, so that R is 1 where a texel shows the true normal, and 0.5 where it shows the
+   leaning one; a pipe; a pipe with a cap, next to which its squares are long; a bar of 8 sides, which
+   turn by 15, 15, 15, and 135 degrees, twice; or a ball from 60 degrees south to 60 degrees north. */
+static void sheet_of(test_scene *s, int shape, int n) {
     const int row = n + 1;
     float *positions, *normals, *uv;
     uint32_t *indices;
@@ -1058,10 +1086,7 @@ static void leaning_floor(test_scene *s, int n) {
     uv = (float *)scene_alloc(s, sizeof(float) * 2 * (size_t)(row * row));
     indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(n * n));
     for (i = 0; i < row * row; i++) {
-        positions[3 * i] = (float)(i % row);
-        positions[3 * i + 2] = (float)(i / row);
-        normals[3 * i] = (float)sqrt(0.75);
-        normals[3 * i + 1] = 0.5f;
+        sheet_vertex(shape, n, i, positions + 3 * i, normals + 3 * i);
         uv[2 * i] = (float)(i % row) / (float)n;
         uv[2 * i + 1] = (float)(i / row) / (float)n;
     }
@@ -1085,7 +1110,7 @@ TEST(small_facets_show_true_normals) {
         { 8, 16, 0, 2, 1 },                          /* 1.41 texels */
         { 8, 16, 2, 2, 1 },                          /* 2.83 places of a texel */
         { 4, 32, 0, 2, 0.5 },                        /* 5.7 texels: above twice the limit */
-        { 8, 16, 0, 0, 0.5 },                        /* the default: no limit */
+        { 8, 16, 0, 0, 0.5 },                        /* the default: only near sharp edges */
         { 8, 16, 0, -1, 0.5 },
         { 8, 16, 0, 0.942809f, 0.8660254 },          /* 1.5 times the limit: the mean of both normals, 30 degrees */
     };
@@ -1095,7 +1120,7 @@ TEST(small_facets_show_true_normals) {
         sbl_lightmap_desc desc = map_of(runs[run].texels, runs[run].texels, SBL_MODE_DIRECT);
         float *R, *normal;
         double off = 0;
-        leaning_floor(&s, runs[run].squares);
+        sheet_of(&s, LEANING_FLOOR, runs[run].squares);
         desc.supersample = runs[run].supersample;
         desc.facet_limit = runs[run].limit;
         R = bake(&s, &desc);
@@ -1112,6 +1137,63 @@ TEST(small_facets_show_true_normals) {
     }
 }
 
+/* Returns the largest angle, in degrees, between the normals of a sheet's texels and those that the file has there. The
+   texels on the border of the chart are left out, and all outside of the given columns, unless the last is 0. */
+static double sheet_off(int shape, int squares, int texels, const int columns[2]) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(texels, texels, SBL_MODE_DIRECT);
+    float *found[2];
+    double least = 1;
+    int run, i, k;
+    for (run = 0; run < 2; run++) {
+        float *R;
+        sheet_of(&s, shape, squares);
+        desc.facet_limit = run ? 0.0f : -1.0f;
+        R = bake(&s, &desc);
+        found[run] = R ? channel_of(&desc, SBL_CHANNEL_NORMAL) : NULL;
+        free(R);
+        scene_free(&s);
+    }
+    for (i = 0; found[0] && found[1] && i < texels * texels; i++) {
+        const int x = i % texels, y = i / texels;
+        double cosine = 0;
+        if (x == 0 || y == 0 || x == texels - 1 || y == texels - 1) continue;
+        if (columns[1] && (x < columns[0] || x > columns[1])) continue;
+        for (k = 0; k < 3; k++) cosine += (double)found[0][3 * i + k] * (double)found[1][3 * i + k];
+        least = fmin(least, cosine);
+    }
+    least = found[0] && found[1] ? least : -1;
+    free(found[0]);
+    free(found[1]);
+    return acos(least) * 180 / REF_PI;
+}
+
+/* By default, narrow facets show true normals near sharp edges. The sides of a square bar meet at 90 degrees. On a bar
+   of 8 sides, the middle one of three narrow sides has no sharp edge, but its neighbours have. Balls and pipes stay
+   smooth, even long facets at the end of a pipe. */
+TEST(facets_at_sharp_edges_show_true_normals) {
+    static const struct {
+        int shape, squares, texels, columns[2];
+        const char *name;
+        double least, most;  /* of the angle */
+    } runs[] = {
+        { PIPE, 4, 8, { 0, 0 }, "square bar, sides of 2 texels", 20, 30 },
+        { PIPE, 4, 64, { 0, 0 }, "square bar, sides of 16 texels", 0, 0.1 },
+        { BEVEL, 8, 16, { 2, 3 }, "between two narrow sides", 3, 5 },
+        { BEVEL, 8, 16, { 6, 7 }, "a wide side", 0, 0.1 },
+        { PIPE, 20, 30, { 0, 0 }, "pipe, facets of 1.5 texels", 0, 0.1 },
+        { PIPE, 6, 12, { 0, 0 }, "pipe of six sides", 0, 0.1 },
+        { CAPPED_PIPE, 20, 30, { 0, 0 }, "end of a pipe", 0, 0.1 },
+        { BALL, 20, 30, { 0, 0 }, "ball, facets of 1.5 texels", 0, 0.1 }
+    };
+    int i;
+    for (i = 0; i < (int)(sizeof runs / sizeof *runs); i++) {
+        const double off = sheet_off(runs[i].shape, runs[i].squares, runs[i].texels, runs[i].columns);
+        printf("  %s: normals differ from the file's by %.2f degrees\n", runs[i].name, off);
+        CHECK(off >= runs[i].least && off <= runs[i].most, "%s: normals differ by %g degrees", runs[i].name, off);
+    }
+}
+
 /* A box covers the centres of a column of texels, but not all of them. They show what is beside the box: there, small
    facets have their true normals, too, and large ones the normals of the file. */
 TEST(covered_texels_show_true_normals) {
@@ -1124,7 +1206,7 @@ TEST(covered_texels_show_true_normals) {
         float *R;
         double off = 0;
         desc.facet_limit = 2;
-        leaning_floor(&s, 8);
+        sheet_of(&s, LEANING_FLOOR, 8);
         scene_box(&s, 0, -1, -1, -1, run ? 4.575f : 4.6f, run ? 0.025f : 0.2f, 9);
         R = bake(&s, &desc);
         REQUIRE(R, "no lightmap");
@@ -1285,6 +1367,7 @@ int main(void) {
     RUN(meshes_are_chosen);
     RUN(it_comes_in_pieces);
     RUN(small_facets_show_true_normals);
+    RUN(facets_at_sharp_edges_show_true_normals);
     RUN(covered_texels_show_true_normals);
     RUN(memory_runs_out);
     RUN_PLAIN(sizes_of_all_kinds);
