@@ -2193,6 +2193,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
+/* Asks the processor to load the memory at an address, which a later iteration of a loop will read. Loops that read
+   large arrays in random order would otherwise spend most of their time waiting for memory. */
+#ifdef __GNUC__
+  #define SBL__PREFETCH(address) __builtin_prefetch(address)
+#else
+  #define SBL__PREFETCH(address) ((void)(address))
+#endif
+
 /* Returns the time in seconds since an unspecified start. */
 static double sbl__now(void) {
 #ifdef _WIN32
@@ -15055,6 +15063,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
+#define SBL__BOUNCE_AHEAD 16       /* hits are prefetched this many iterations before they are used; a power of two */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
                                       sbl__store.max_leaves */
@@ -15220,6 +15229,7 @@ typedef struct sbl__bounce {
                                         leaves that get further points */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat surface) that
                                                    have cut their cells; a bucket keeps the latest */
+    uint32_t ahead[SBL__BOUNCE_AHEAD];  /* buckets of the hits that will be placed next, see sbl__bounce_prefetch */
     int recheck;                     /* 1: a line has cut leaves with indices below cut_leaves, for which no hit waits
                                         any more, so that all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
@@ -15704,6 +15714,30 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
+/* Prefetches what placing the hits SBL__BOUNCE_AHEAD and half as many places behind hit `number` in the queue will
+   read: first the bucket of the hit's cell, then the state of the leaf that the bucket leads to. A hit that is placed
+   again has a leaf already, and usually needs nothing else. */
+static void sbl__bounce_prefetch(sbl__bounce *b, int number) {
+    const sbl__store *s = b->store;
+    const sbl__hit *hits = b->queue.list;
+    const int next = number + SBL__BOUNCE_AHEAD, half = number + SBL__BOUNCE_AHEAD / 2;
+    if (next < b->queue.count && hits[next].side != SBL__NOWHERE) {
+        if (hits[next].current) SBL__PREFETCH(&b->states[hits[next].leaf]);
+        else {
+            const uint32_t word = sbl__hit_word(s, &hits[next]);
+            uint32_t cube[3], *bucket = &b->ahead[next % SBL__BOUNCE_AHEAD];
+            sbl__cell_at(s, word, hits[next].position, cube);
+            *bucket = sbl__cell_hash(word, cube) & (uint32_t)(s->cell_room - 1);
+            SBL__PREFETCH(&s->cells[*bucket]);
+        }
+    }
+    if (half >= SBL__BOUNCE_AHEAD && half < b->queue.count && !hits[half].current) {
+        const uint32_t reference = s->cells[b->ahead[half % SBL__BOUNCE_AHEAD]].reference;
+        if (reference && reference <= (uint32_t)s->leaf_count) SBL__PREFETCH(&b->states[reference - 1]);
+        else if (reference >= SBL__CELL_CUT) SBL__PREFETCH(&s->cuts[reference & ~SBL__CELL_CUT]);
+    }
+}
+
 /* Makes a point of a queued hit if its leaf, which may be new, needs one. If the leaf exists already, but contact rays
    have yet to cut it, the hit waits. Does nothing if the hit is on a black surface and black surfaces have as many
    leaves as they may have. If no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the
@@ -15714,6 +15748,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     const sbl__store *s = b->store;
     uint32_t *reference, word;
     int leaf, added, ok = 1;
+    sbl__bounce_prefetch(b, number);
     if (at->side == SBL__NOWHERE) return SBL_SUCCESS;
     if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
     at->current = 0;
@@ -16376,7 +16411,7 @@ static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
     sbl__bounce_free_sites(&b->core->base, b);
-    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count,
+    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count + 1,
                                                   SBL__BOUNCE_RAYS * sizeof *b->reads);
     return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -16402,6 +16437,8 @@ static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
         }
     }
     state->read_end = end;
+    /* Prefetching in sbl__bounce_gather looks at reads behind the last one. */
+    if (leaf + 1 == b->store->leaf_count) memset(&b->reads[end], 0, SBL__BOUNCE_AHEAD * sizeof *b->reads);
 }
 
 /* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if it
@@ -16461,7 +16498,10 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     int k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
-    for (; read < end; read++) sbl__add_reflected(read->albedo, leaves[read->leaf].light, received);
+    for (; read < end; read++) {
+        SBL__PREFETCH(&leaves[read[SBL__BOUNCE_AHEAD].leaf]);
+        sbl__add_reflected(read->albedo, leaves[read->leaf].light, received);
+    }
     memcpy(sum, received, sizeof sum);  /* compilers keep `received` in registers, because no loop indexes it */
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
