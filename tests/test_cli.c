@@ -113,7 +113,8 @@ TEST(obj_materials_and_textures) {
           "exit status %d: %s", ran.status, ran.err);
     CHECK(ran.err_lines == 3 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png") &&
               strstr(ran.err, "partial transparency is read as a cutout: opaque from 0.5 on (1 material)") &&
-              strstr(ran.err, "transparent surfaces are left out: their opacity is 0, or below the cutoff (2 materials)"),
+              strstr(ran.err, "transparent surfaces are left out: their opacity is 0, or below the cutoff"
+                              " (2 materials)"),
           "expected three warnings, about the missing texture, d 0.7, and surfaces that are left out: %s", ran.err);
     albedo = read_pfm("albedo.pfm");
     CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0,

@@ -523,8 +523,8 @@ TEST(wrong_command_lines_are_refused) {
     REFUSED(2, "--part joins no cube maps", "glow.obj", "--cubemaps", "1x1x1", "--part", "1/2", "-o", "no");
     REFUSED(2, "--resume needs --lightmap", "glow.obj", "--cubemaps", "1x1x1", "--resume", "-o", "no");
     REFUSED(2, "not a folder", "glow.obj", "--cubemaps", "1x1x1", "-o", "file");
-    REFUSED(2, "--cubemaps 4096x4096x4096: the grid has 68719476736 points; at most 10000 are", "glow.obj", "--cubemaps",
-            "4096x4096x4096", "-o", "no");
+    REFUSED(2, "--cubemaps 4096x4096x4096: the grid has 68719476736 points; at most 10000 are", "glow.obj",
+            "--cubemaps", "4096x4096x4096", "-o", "no");
     REFUSED(2, "at most 10000", "glow.obj", "--cubemaps", "100x100x2", "-o", "no");
     REFUSED(2, "give one of", "glow.obj", "--cubemaps", "1x1x1", "--vertices", "-o", "no");
     CHECK(!exists("no") && !parts_left(), "a folder or a file was left behind");
