@@ -1599,7 +1599,8 @@ typedef struct sbl_lightmap_desc {
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
-                                  texels if it is 1. Default: as in sbl_picture_desc */
+                                  texels if it is 1. Default: 8, or 4 with options.ray_length. It is half of a
+                                  picture's, because objects that cover parts of a wall leave no edges in its chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
                                   their true normals, see ON LIGHTMAPS; from twice this height on, shading normals are
@@ -9399,7 +9400,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
     picture.price = d->price;
     picture.look_rays = d->look_rays;
-    picture.tile = d->tile;
+    picture.tile = d->tile || d->options.ray_length > 0 ? d->tile : 8;
     picture.threshold = d->threshold;
     picture.facet_limit = d->facet_limit;  /* 0: the default of pictures, only at sharp edges */
     picture.filter_radius = d->filter_radius;

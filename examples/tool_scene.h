@@ -117,12 +117,14 @@ static const char *const help_words[] = { "all", NULL };
 #ifdef TOOL_DRAWS
 #define TOOL__PAPER(text) text
 #define TOOL__BAKE(text)
+#define TOOL__TILE "16"
 #define TOOL__PIXEL "pixel"
 enum { TOOL_RAYS_MAX = 4096 };
 static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
 #else
 #define TOOL__PAPER(text)
 #define TOOL__BAKE(text) text
+#define TOOL__TILE "8"
 #define TOOL__PIXEL "texel"
 enum { TOOL_RAYS_MAX = 65536 };  /* of probes; sbl_bake checks the limits of everything else */
 static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
@@ -198,7 +200,7 @@ enum {
                         TOOL__BAKE(", of probes 8, 16, 32"), NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
                         "size of the first tiles in " TOOL__PIXEL "s: sensors are placed at their corners; 1 places " \
-                        "a sensor at every " TOOL__PIXEL "; default 16" \
+                        "a sensor at every " TOOL__PIXEL "; default " TOOL__TILE \
                         TOOL__BAKE(". --supersample K makes this unit K times as small"), \
                         NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \

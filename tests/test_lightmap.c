@@ -468,6 +468,37 @@ TEST(narrow_charts_are_measured_across) {
     }
 }
 
+/* Closed compartments before a wall leave a strip of it open. All sensors that stand 16 texels apart are in the dark
+   compartments, but the strip is lit, and no edge of the chart shows it. */
+TEST(strips_between_first_sensors_are_lit) {
+    enum { SIZE = 48, LOW = 20, HIGH = 27, TOP = 40, F = 9999 };  /* rows of the strip; the wall is open above TOP, too */
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(SIZE, SIZE, SBL_MODE_DIRECT);
+    const float at = 4;  /* distance between the fronts of the compartments and the wall */
+    float *light, least = 1;
+    sbl_mesh *wall;
+    int black, y;
+    memset(&s, 0, sizeof s);
+    black = scene_material(&s, 0, 0, 0);
+    wall = scene_quad(&s, black, 0, 0, 0, SIZE, 0, 0, SIZE, SIZE, 0, 0, SIZE, 0);
+    uv_rectangle(&s, wall, 0, 0, 1, 1);
+    scene_quad(&s, black, -F, -F, at, F, -F, at, F, LOW - 1, at, -F, LOW - 1, at);
+    scene_quad(&s, black, -F, HIGH + 2, at, F, HIGH + 2, at, F, TOP, at, -F, TOP, at);
+    for (y = 0; y < 3; y++) {
+        const float ledge = y == 0 ? LOW - 1 : y == 1 ? HIGH + 2 : TOP;
+        scene_quad(&s, black, -F, ledge, 0, F, ledge, 0, F, ledge, at, -F, ledge, at);
+    }
+    scene_sky(&s, 1, 1, 1);
+    desc.target_error = 0.02f;
+    light = bake(&s, &desc);
+    REQUIRE(light, "no lightmap");
+    for (y = LOW; y <= HIGH; y++) least = fminf(least, light[3 * (y * SIZE + SIZE / 2)]);
+    printf("  the darkest texel of the strip has %.3f\n", (double)least);
+    CHECK(least > 0.3f, "the darkest texel of the strip has %g", (double)least);
+    free(light);
+    scene_free(&s);
+}
+
 /* >>seams */
 
 /* Returns a bilinear sample of the red channel. */
@@ -1354,6 +1385,7 @@ int main(void) {
     RUN(boxes_leave_no_dark_rims);
     RUN(gaps_show_their_openings);
     RUN(narrow_charts_are_measured_across);
+    RUN(strips_between_first_sensors_are_lit);
     RUN(seams_of_a_ball);
     RUN(seams_do_not_leak);
     RUN(charts_are_parted_by_the_map);
