@@ -411,9 +411,9 @@ static const hash llvmpipe_15[CASES] = {
     0x07d22bc4c135b0a8u,  /* matte_picture */
     0x490ca53a3891606du,  /* plain_picture */
     0x27c9a686e0e52ff7u,  /* changed_picture */
-    0x5a06e071feb8b375u,  /* directional_lightmap */
-    0x17073924b1d55041u,  /* grouped_lightmap */
-    0x5e8f33ea830f9ba0u,  /* joined_lightmap */
+    0xe59f4881e32923a5u,  /* directional_lightmap */
+    0x4d684bdadf579303u,  /* grouped_lightmap */
+    0x61f9e5b95759ec28u,  /* joined_lightmap */
     0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
     0x51c33c84e090fc41u,  /* averaged_vertices */
     0x3bf4e1c3d4b7ae2du,  /* traced_readings */
