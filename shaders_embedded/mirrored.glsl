@@ -9,10 +9,10 @@ uniform int mirrored_count;               // number of records in the scene
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_SHARE = 4.0;     // the fraction grows to its largest value with the light of the mirrored
-                                          // lamps * this / (light of the brightest of these lamps without mirrors)
+const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * light of the mirrored lamps /
+                                          // light of the brightest of these lamps itself, if nothing blocks it)
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
-const float SBL_MIRRORED_NARROW = 0.004;   // squared width up to which a highlight is narrow
+const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
 vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width
 float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
@@ -60,6 +60,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);
         most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));
+        // the light of the lamp itself, if nothing blocks it; 3.0, because `light` below sums three channels
         vec3 to_lamp = to - 2.0 * (dot(mirror_normal, to) + (distant ? 0.0 : height)) * mirror_normal;
         float lamp_away = max(length(to_lamp), SBL_DIVISOR_LEAST);
         float direct = 3.0 * sbl_mirrored_power(i) * max(dot(normal, to_lamp) / lamp_away, 0.1);

@@ -1527,8 +1527,8 @@ static double mirrored_wanted(const sbl_light *l, double roughness, double f0) {
 
 /* Sensors send rays to lamps that flat surfaces mirror. Rays in other directions find these narrow highlights by
    chance: readings of 128 such rays differ by 4, 8 and 0.2 times what walls of gloss, panes and metal add. Rays that
-   hit gloss or metal see at least the roughness of the table. Faint mirrors and wide highlights get few rays, because
-   these are lacking elsewhere; therefore readings differ by no less than the first number of `spread`. */
+   hit gloss or metal see at least the roughness of the table. Faint mirrors and wide highlights get fewer rays, which
+   other light needs more; `spread` therefore has a lower limit, too. */
 TEST(mirrored_lamps_are_found) {
     static const struct { const char *what; double metallic, pane, roughness, f0, spread[2]; } walls[3] = {
         { "gloss", 0, 0, 0.15, 0.04, { 0.06, 0.3 } }, { "pane", 0, 1, 0.15, 0.04, { 0.3, 0.7 } },

@@ -403,8 +403,8 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0xc5f607d0d8140cc0u,  /* glossy_picture */
-    0xc698e72e45fdf9a8u,  /* glossy_window */
+    0x2f87c0c0c6a6aa75u,  /* glossy_picture */
+    0x9751ccd946cdf6f8u,  /* glossy_window */
     0x82aa92bfbbba8131u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
     0x9df221481dba488fu,  /* glossy_rasterised */
