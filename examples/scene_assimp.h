@@ -1188,7 +1188,6 @@ static void scene__convert(scene__reader *r) {
     free(r->uv_set);
     free(r->moves);
     free(r->repeated);
-    free(r->taken.transforms);
     free(r->opacity);
     free(r->shown);
     free(r->posed);
@@ -1232,6 +1231,7 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
         scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
                     aiGetErrorString()[0] ? aiGetErrorString() : "it contains no scene");
     if (r.in) aiReleaseImport(r.in);
+    free(r.taken.transforms);
     free(r.taken.floats.data);
 }
 
