@@ -471,7 +471,7 @@ TEST(narrow_charts_are_measured_across) {
 /* Closed compartments before a wall leave a strip of it open. All sensors that stand 16 texels apart are in the dark
    compartments, but the strip is lit, and no edge of the chart shows it. */
 TEST(strips_between_first_sensors_are_lit) {
-    enum { SIZE = 48, LOW = 20, HIGH = 27, TOP = 40, F = 9999 };  /* rows of the strip; the wall is open above TOP, too */
+    enum { SIZE = 48, LOW = 20, HIGH = 27, TOP = 40, F = 9999 };  /* rows of the strip; above TOP is no board */
     static test_scene s;
     sbl_lightmap_desc desc = map_of(SIZE, SIZE, SBL_MODE_DIRECT);
     const float at = 4;  /* distance between the fronts of the compartments and the wall */
