@@ -971,7 +971,7 @@ TEST(every_field_is_checked) {
     CHECK(sbl_begin_lightmap(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_lightmap(NULL, NULL) ==
           SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
     d = sbl_lightmap_desc_defaults(NULL);
-    CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.options.mode == SBL_MODE_GI && d.tile == 16 &&
+    CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.options.mode == SBL_MODE_GI && d.tile == 8 &&
               d.filter_radius == 2 && d.facet_limit == 0 && d.target_error == 0.005f,
           "%d x %d, gutter %d", d.width, d.height, d.gutter);
     scene_free(&s);
