@@ -493,9 +493,9 @@ TEST(settled_hits_are_skipped) {
     store.leaf_count = b.cut_leaves = b.point_count = 3;
     store.length = 1;
     b.hits.list = hits;
-    for (i = 0; i < 3; i++) {
-        hits[i].leaf = (uint32_t)i;
-        hits[i].current = 1;
+    for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
+        hits[i].leaf = (uint32_t)(i < 3 ? i : 0);
+        hits[i].current = 1;  /* otherwise the prefetch of later hits would need the cells of a scene */
     }
     CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
           "%d hits are queued", b.queue.count);
