@@ -7030,7 +7030,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_EDGE 0.001          /* smallest difference of 1 - cosine of a spot's two cones, / that of the outer */
+#define SBL__SPOT_EDGE 0.001          /* from the inner to the outer cone of a spot, 1 - cosine grows by at least this
+                                         fraction of its value at the outer cone */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
@@ -9402,7 +9403,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     picture.look_rays = d->look_rays;
     picture.tile = d->tile || d->options.ray_length > 0 ? d->tile : 8;
     picture.threshold = d->threshold;
-    picture.facet_limit = d->facet_limit;  /* 0: the default of pictures, only at sharp edges */
+    picture.facet_limit = d->facet_limit;  /* if 0: the default of pictures; sbl__lightmap_begin then sets at_edges */
     picture.filter_radius = d->filter_radius;
     picture.samples = 1;
     sbl__identity(picture.world_to_view);
@@ -12605,8 +12606,9 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 sure = vec3(0), sampled = vec3(0);       // see above\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
-"vec2 factors = vec2(0), factor_squares = vec2(0);  // by facing: sums, over the rays in `lit`, of the factor by\n",
-"                                              // which textures and panes change luminance, and of its square\n",
+"// Textures and panes multiply the luminance of each ray in `lit` by a factor. By facing: the sum of these factors,\n",
+"// and the sum of their squares.\n",
+"vec2 factors = vec2(0), factor_squares = vec2(0);\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
 "float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`\n",
 "#ifdef SBL_LOBE\n",
@@ -14087,7 +14089,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
 "        most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));\n",
-"        // the light of the lamp itself, if nothing blocks it; 3.0, because `light` below sums three channels\n",
+"        // `direct` is the light of the lamp itself if nothing blocks it, times 3, because `light` below is the\n",
+"        // sum of three channels.\n",
 "        vec3 to_lamp = to - 2.0 * (dot(mirror_normal, to) + (distant ? 0.0 : height)) * mirror_normal;\n",
 "        float lamp_away = max(length(to_lamp), SBL_DIVISOR_LEAST);\n",
 "        float direct = 3.0 * sbl_mirrored_power(i) * max(dot(normal, to_lamp) / lamp_away, 0.1);\n",
@@ -15072,7 +15075,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
-#define SBL__BOUNCE_AHEAD 16       /* hits are prefetched this many iterations before they are used; a power of two */
+#define SBL__BOUNCE_AHEAD 16       /* a loop prefetches what it will read this many iterations later; a power of two */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
                                       sbl__store.max_leaves */
@@ -15723,9 +15726,10 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Prefetches what placing the hits SBL__BOUNCE_AHEAD and half as many places behind hit `number` in the queue will
-   read: first the bucket of the hit's cell, then the state of the leaf that the bucket leads to. A hit that is placed
-   again has a leaf already, and usually needs nothing else. */
+/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD places
+   behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
+   before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
+   only the leaf's state is prefetched. */
 static void sbl__bounce_prefetch(sbl__bounce *b, int number) {
     const sbl__store *s = b->store;
     const sbl__hit *hits = b->queue.list;
@@ -16420,8 +16424,8 @@ static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
     sbl__bounce_free_sites(&b->core->base, b);
-    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count + 1,
-                                                  SBL__BOUNCE_RAYS * sizeof *b->reads);
+    b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count * SBL__BOUNCE_RAYS +
+                                                  SBL__BOUNCE_AHEAD, sizeof *b->reads);
     return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -16446,7 +16450,7 @@ static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
         }
     }
     state->read_end = end;
-    /* Prefetching in sbl__bounce_gather looks at reads behind the last one. */
+    /* sbl__bounce_gather prefetches for SBL__BOUNCE_AHEAD reads that follow the last one. */
     if (leaf + 1 == b->store->leaf_count) memset(&b->reads[end], 0, SBL__BOUNCE_AHEAD * sizeof *b->reads);
 }
 

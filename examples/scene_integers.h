@@ -26,6 +26,8 @@ typedef struct scene__integers {
     const char *path;    /* of the .gltf */
     scene__bytes inside; /* the binary part of a .glb */
     cJSON *root, *views;
+    cJSON **accessor, **view;  /* items of the file's lists, because cJSON finds an item only by counting */
+    int accessor_count, view_count, added_views;
     scene__bytes *read;  /* one per buffer of the file; data is NULL until it is read */
     int buffer_count;
     size_t room;
@@ -53,6 +55,14 @@ static int scene__decode_base64(const char *text, scene__bytes *out) {
     return out->data != NULL;
 }
 
+/* Returns an array of the items of a list, which the caller frees, or NULL if memory runs out. */
+static cJSON **scene__items_of(cJSON *list, int *count) {
+    cJSON **items = (cJSON **)calloc((size_t)cJSON_GetArraySize(list) + 1, sizeof *items), *item;
+    *count = 0;
+    if (items) cJSON_ArrayForEach(item, list) items[(*count)++] = item;
+    return items;
+}
+
 /* Returns the content of a buffer. Its data is NULL if it cannot be read. */
 static scene__bytes scene__buffer(scene__integers *s, int number) {
     static const scene__bytes none = { NULL, 0 };
@@ -70,6 +80,12 @@ static scene__bytes scene__buffer(scene__integers *s, int number) {
 static double scene__whole_of(const cJSON *object, const char *name, double otherwise) {
     const cJSON *number = scene__item(object, name);
     return cJSON_IsNumber(number) ? number->valuedouble : otherwise;
+}
+
+/* Returns the index of another item that an item refers to, or -1 if there is none. */
+static int scene__index_of(const cJSON *object, const char *name) {
+    const cJSON *number = scene__item(object, name);
+    return cJSON_IsNumber(number) ? number->valueint : -1;
 }
 
 /* Returns a component as a number. normalized: 1: integers stand for -1 to 1, or 0 to 1 */
@@ -112,7 +128,7 @@ static void scene__refer_to_floats(scene__integers *s, cJSON *accessor, size_t s
     cJSON *const view = cJSON_CreateObject();
     size_t i;
     for (i = 0; i < sizeof old / sizeof *old; i++) cJSON_DeleteItemFromObjectCaseSensitive(accessor, old[i]);
-    cJSON_AddNumberToObject(accessor, "bufferView", cJSON_GetArraySize(s->views));
+    cJSON_AddNumberToObject(accessor, "bufferView", s->view_count + s->added_views++);
     cJSON_AddNumberToObject(accessor, "componentType", SCENE__FLOAT);
     cJSON_AddNumberToObject(view, "buffer", s->buffer_count);
     cJSON_AddNumberToObject(view, "byteOffset", (double)start);
@@ -126,12 +142,13 @@ static void scene__convert_accessor(scene__integers *s, cJSON *accessor) {
     const char *const shape = cJSON_GetStringValue(scene__item(accessor, "type"));
     const size_t start = s->floats->size, components = shape && strcmp(shape, "VEC2") == 0 ? 2 : 3;
     const double element = (double)components * (type >= SCENE__SHORT ? 2 : 1);
-    const cJSON *const view = cJSON_GetArrayItem(s->views, (int)scene__whole_of(accessor, "bufferView", -1));
+    const int number = scene__index_of(accessor, "bufferView");
+    const cJSON *const view = number >= 0 && number < s->view_count ? s->view[number] : NULL;
     const double step = scene__whole_of(view, "byteStride", element), at = scene__whole_of(accessor, "byteOffset", 0);
     const double begin = scene__whole_of(view, "byteOffset", 0), size = scene__whole_of(view, "byteLength", 0);
     scene__bytes bytes;
     if (!(type >= SCENE__BYTE && type <= SCENE__UNSIGNED_SHORT)) return;
-    bytes = scene__buffer(s, (int)scene__whole_of(view, "buffer", -1));
+    bytes = scene__buffer(s, scene__index_of(view, "buffer"));
     if (!bytes.data || !(count >= 1 && count < 1e9 && at >= 0 && begin >= 0 && step >= element && step <= 252) ||
         at + step * (count - 1) + element > size || begin + size > (double)bytes.size ||
         scene__item(accessor, "sparse")) {
@@ -147,7 +164,7 @@ static void scene__convert_accessor(scene__integers *s, cJSON *accessor) {
    a .glb; floats: receives the content of the file scene__floats_name, which the caller frees */
 static void scene__convert_integers(scene_file *file, const char *path, scene__bytes inside, cJSON *root,
                                     scene__bytes *floats) {
-    const cJSON *const accessors = scene__item(root, "accessors"), *mesh, *primitive, *attribute;
+    const cJSON *mesh, *primitive, *attribute;
     cJSON *const buffers = scene__item(root, "buffers"), *buffer;
     scene__integers s;
     int i;
@@ -160,14 +177,17 @@ static void scene__convert_integers(scene_file *file, const char *path, scene__b
     s.buffer_count = cJSON_GetArraySize(buffers);
     s.read = (scene__bytes *)calloc((size_t)s.buffer_count + 1, sizeof *s.read);
     s.floats = floats;
-    if (!s.read) { scene__fail_for_memory(file, "it"); return; }
+    s.accessor = scene__items_of(scene__item(root, "accessors"), &s.accessor_count);
+    s.view = scene__items_of(s.views, &s.view_count);
+    if (!s.read || !s.accessor || !s.view) scene__fail_for_memory(file, "it");
     cJSON_ArrayForEach(mesh, scene__item(root, "meshes"))
         cJSON_ArrayForEach(primitive, scene__item(mesh, "primitives"))
             cJSON_ArrayForEach(attribute, scene__item(primitive, "attributes")) {
                 const char *name = attribute->string;
-                if (cJSON_IsNumber(attribute) && (strcmp(name, "POSITION") == 0 || strcmp(name, "NORMAL") == 0 ||
-                                                  strncmp(name, "TEXCOORD_", 9) == 0))
-                    scene__convert_accessor(&s, cJSON_GetArrayItem(accessors, attribute->valueint));
+                const int number = cJSON_IsNumber(attribute) ? attribute->valueint : -1;
+                if (file->error[0] || number < 0 || number >= s.accessor_count) continue;
+                if (strcmp(name, "POSITION") == 0 || strcmp(name, "NORMAL") == 0 || strncmp(name, "TEXCOORD_", 9) == 0)
+                    scene__convert_accessor(&s, s.accessor[number]);
             }
     if (floats->size) {
         buffer = cJSON_CreateObject();
@@ -175,8 +195,10 @@ static void scene__convert_integers(scene_file *file, const char *path, scene__b
         cJSON_AddNumberToObject(buffer, "byteLength", (double)floats->size);
         cJSON_AddItemToArray(buffers, buffer);
     }
-    for (i = 0; i < s.buffer_count; i++) free(s.read[i].data);
+    for (i = 0; s.read && i < s.buffer_count; i++) free(s.read[i].data);
     free(s.read);
+    free(s.accessor);
+    free(s.view);
 }
 
 #endif

@@ -270,8 +270,9 @@ mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' li
 vec3 sure = vec3(0), sampled = vec3(0);       // see above
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
-vec2 factors = vec2(0), factor_squares = vec2(0);  // by facing: sums, over the rays in `lit`, of the factor by
-                                              // which textures and panes change luminance, and of its square
+// Textures and panes multiply the luminance of each ray in `lit` by a factor. By facing: the sum of these factors,
+// and the sum of their squares.
+vec2 factors = vec2(0), factor_squares = vec2(0);
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
 float squares = 0.0;                          // sum of the squared luminances of the terms added to `sampled`
 #ifdef SBL_LOBE

@@ -60,7 +60,8 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);
         most = max(most, covered * min(SBL_MIRRORED_NARROW / width2, 1.0));
-        // the light of the lamp itself, if nothing blocks it; 3.0, because `light` below sums three channels
+        // `direct` is the light of the lamp itself if nothing blocks it, times 3, because `light` below is the
+        // sum of three channels.
         vec3 to_lamp = to - 2.0 * (dot(mirror_normal, to) + (distant ? 0.0 : height)) * mirror_normal;
         float lamp_away = max(length(to_lamp), SBL_DIVISOR_LEAST);
         float direct = 3.0 * sbl_mirrored_power(i) * max(dot(normal, to_lamp) / lamp_away, 0.1);

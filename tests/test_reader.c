@@ -1226,8 +1226,8 @@ static void write_integers_glb(const char *name) {
     fclose(out);
 }
 
-/* Vertices of integers become floats, from a .glb, from a file whose name has a blank, and from base64. What cannot be
-   read is refused. */
+/* Vertices that a file stores as integers become floats. The integers are in a .glb, in a file whose name has a blank,
+   or in base64. A file whose integers cannot be read is refused. */
 TEST(integers_become_floats) {
     static const char *const names[] = { "integers.glb", "integers.gltf", "base64.gltf" };
     static const float positions[9] = { 0, 0, 0, 100, 0, 0, 0, -100, 0 }, normals[9] = { 0, 0, 1, 0, -1, 0, 1, 0, 0 };
