@@ -78,12 +78,7 @@ static void scale_sites(float scale) {
 
 /* Returns a descriptor that measures R at all sites. */
 static sbl_readings_desc readings_of(sbl_mode mode, sbl_backend backend) {
-    sbl_readings_desc desc;
-    memset(&desc, 0, sizeof desc);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = site_count;
-    desc.options.mode = mode;
+    sbl_readings_desc desc = scene_readings(sites, readings, site_count, mode);
     desc.options.backend = backend;
     return desc;
 }
@@ -1554,11 +1549,7 @@ TEST(gather_inspection_and_picture_agree) {
         REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
         radiance[b] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         shown = inspect_all(&inspected);
-        memset(&desc, 0, sizeof desc);
-        desc.sites = sites;
-        desc.readings = readings;
-        desc.site_count = PIXELS;
-        desc.options.mode = SBL_MODE_GI;
+        desc = scene_readings(sites, readings, PIXELS, SBL_MODE_GI);
         desc.options.backend = backends[b];
         desc.options.rays = 64;
         desc.options.sensor_size = 16;

@@ -237,7 +237,7 @@ TEST(moving_from_afar) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_site site = { { 0.01f, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 };
     sbl_reading readings[2];
-    sbl_readings_desc gather = { 0 };
+    sbl_readings_desc gather = scene_readings(&site, readings, 1, SBL_MODE_DIRECT);
     test_scene s = { 0 };
     sbl_light *light = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
     int i, fresh;
@@ -245,9 +245,6 @@ TEST(moving_from_afar) {
     scene_quad(&s, 0, -0.5f, 0.1f, -0.5f, -0.3f, 0.1f, -0.5f, -0.3f, 0.3f, -0.5f, -0.5f, 0.3f, -0.5f);
     light->position[1] = 0.1f;
     light->radius = 0.01f;
-    gather.sites = &site;
-    gather.site_count = 1;
-    gather.options.mode = SBL_MODE_DIRECT;
     for (i = 0; i < 2; i++) {
         for (fresh = 0; fresh < 2; fresh++) {
             sbl_context *context;

@@ -6,16 +6,6 @@
 #include "support/gl_watch.h"
 #include "support/one_context.h"
 
-static sbl_readings_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
-    sbl_readings_desc desc;
-    memset(&desc, 0, sizeof desc);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = count;
-    desc.options.mode = SBL_MODE_DIRECT;
-    return desc;
-}
-
 static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz) {
     sbl_site s;
     memset(&s, 0, sizeof s);
@@ -27,7 +17,7 @@ static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz)
 /* Returns the reading at one site of the current scene. */
 static sbl_reading reading_at(sbl_site site, int rays) {
     sbl_reading r;
-    sbl_readings_desc desc = gather_of(&site, &r, 1);
+    sbl_readings_desc desc = scene_readings(&site, &r, 1, SBL_MODE_DIRECT);
     desc.options.rays = rays;
     memset(&r, 0xff, sizeof r);
     CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no reading: %s", watch_last(&seen));
@@ -47,8 +37,7 @@ static sbl_picture_desc every_pixel(sbl_mode mode, sbl_backend backend) {
 }
 
 static sbl_readings_desc gather_as(const sbl_picture_desc *view, const sbl_site *sites, sbl_reading *readings) {
-    sbl_readings_desc desc = gather_of(sites, readings, PIXELS);
-    desc.options.mode = view->options.mode;
+    sbl_readings_desc desc = scene_readings(sites, readings, PIXELS, view->options.mode);
     desc.options.backend = view->options.backend;
     desc.options.rays = view->options.rays;
     desc.options.sensor_size = view->options.sensor_size;
@@ -269,7 +258,7 @@ TEST(in_the_planes_of_walls) {
         const float far_off = 1e4f, c = turned ? cosf(0.3f) : 1, d = turned ? sinf(0.3f) : 0;
         test_scene s = { 0 };
         const int black = scene_material(&s, 0, 0, 0);
-        sbl_readings_desc desc = gather_of(sites, readings, SITES);
+        sbl_readings_desc desc = scene_readings(sites, readings, SITES, SBL_MODE_DIRECT);
         double worst[3] = { 0, 0, 0 };
         scene_sky(&s, 1, 1, 1);
         scene_quad(&s, black, 0, -1, 0, c * far_off, -1, d * far_off, c * far_off, far_off, d * far_off, 0, far_off, 0);
@@ -325,7 +314,7 @@ TEST(slices_cancel_and_end) {
     scene = scene_desc(&s);
     REQUIRE(use_scene(&s), "no scene");
     floor_sites(sites, COUNT);
-    desc = gather_of(sites, whole, COUNT);
+    desc = scene_readings(sites, whole, COUNT, SBL_MODE_DIRECT);
     desc.options.rays = 24;
     REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
     CHECK(sbl_query_stats(context).sensors.sites == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT,
@@ -383,7 +372,7 @@ TEST(dropped_work_is_not_done) {
     REQUIRE(use_scene(&s), "no scene");
     view.options.mode = SBL_MODE_DIRECT;
     floor_sites(sites, 3000);
-    desc = gather_of(sites, readings, 3000);
+    desc = scene_readings(sites, readings, 3000, SBL_MODE_DIRECT);
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     REQUIRE(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
             "cannot begin");
@@ -403,7 +392,7 @@ TEST(inspection_in_between) {
     static sbl_reading whole[COUNT], now[COUNT];
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(8, 8);
-    sbl_readings_desc desc = gather_of(sites, whole, COUNT);
+    sbl_readings_desc desc = scene_readings(sites, whole, COUNT, SBL_MODE_DIRECT);
     sbl_sensor alone, between;
     sbl_result result, inspected;
     sbl_memory memory;
@@ -453,7 +442,7 @@ TEST(a_million_points) {
     if (!sites || !readings || !use_scene(&s)) { CHECK(0, "no memory or scene"); goto done; }
     for (i = 0; i < MANY; i++)
         sites[i] = site_of((float)(i % 1000) * 0.01f - 5, 0, (float)(i / 1000) * 0.01f - 5, 0, i & 1 ? 1.0f : -1.0f, 0);
-    desc = gather_of(sites, readings, FEW);
+    desc = scene_readings(sites, readings, FEW, SBL_MODE_DIRECT);
     desc.options.rays = 4;
     CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "few: %s", watch_last(&seen));
     few = sbl_query_memory(context);
@@ -487,7 +476,7 @@ TEST(mistakes) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
     sbl_reading reading, untouched;
-    sbl_readings_desc good = gather_of(&site, &reading, 1), d;
+    sbl_readings_desc good = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT), d;
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *empty = NULL;
 #define REFUSED(result, item, a, b) do { \
@@ -550,7 +539,7 @@ TEST(memory_runs_out) {
     int refused;
     scene_cornell_box(&s);
     floor_sites(sites, COUNT);
-    desc = gather_of(sites, whole, COUNT);
+    desc = scene_readings(sites, whole, COUNT, SBL_MODE_DIRECT);
     desc.options.rays = 16;
     refused = each_allocation_fails(gather_call, &desc, &s, whole, sizeof whole);
     CHECK(refused > 10, "%d allocations were refused", refused);

@@ -91,13 +91,8 @@ static sbl_result small_gather(sbl_context *context) {
         /* the last site is inside the box: it sees back faces, so it gets a stuck test */
                                            { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };
     const sbl_picture_desc view = small_view();
-    sbl_readings_desc desc;
-    memset(&desc, 0, sizeof desc);
+    sbl_readings_desc desc = scene_readings(sites, readings, SITES, view.options.mode);
     memset(readings, 0, sizeof readings);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = SITES;
-    desc.options.mode = view.options.mode;
     desc.options.backend = view.options.backend;
     desc.options.rays = view.options.rays;
     desc.options.sensor_size = view.options.sensor_size;

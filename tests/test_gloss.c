@@ -1000,14 +1000,10 @@ TEST(distance_moves_positions) {
         for (k = 0; k < 3; k++)
             CHECK(fabs((double)(sensor.site.position[k] - at(&p, SBL_CHANNEL_POSITION, 4, 4)[k])) < 0.002 &&
                   fabs((double)(sensor.position[k] - sensor.site.position[k])) < 0.002, "the sensor is elsewhere");
-        memset(&readings, 0, sizeof readings);
         memset(&site, 0, sizeof site);
         for (k = 0; k < 3; k++) site.position[k] = to[k] + 0.25f * (float)(k != 1);
         site.normal[1] = 1;
-        readings.sites = &site;
-        readings.readings = &reading;
-        readings.site_count = 1;
-        readings.options.mode = SBL_MODE_DIRECT;
+        readings = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
         CHECK(sbl_gather_readings(context, &readings) == SBL_SUCCESS && reading.valid, "no reading");
         light[away][0] = reading.radiance[0];
         memset(&probes, 0, sizeof probes);
@@ -1241,14 +1237,10 @@ TEST(panes_at_one_place_all_tint) {
         scene_company(&s);
         scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3)->position[1] = 2;
         scene = scene_desc(&s);
-        memset(&desc, 0, sizeof desc);
         memset(&site, 0, sizeof site);
         site.position[0] = 0.3f;
         site.normal[1] = 1;
-        desc.sites = &site;
-        desc.readings = &reading;
-        desc.site_count = 1;
-        desc.options.mode = SBL_MODE_DIRECT;
+        desc = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
                 "no reading");
         if (i == 0) without = (double)reading.radiance[0];
@@ -1344,13 +1336,9 @@ TEST(furnace_of_a_room) {
 /* Returns the descriptor of `count` readings, with all bounces, at the same place: a floor at the origin. */
 static sbl_readings_desc floor_readings(sbl_reading *readings, int count, int rays) {
     static sbl_site sites[256];
-    sbl_readings_desc desc = { 0 };
+    sbl_readings_desc desc = scene_readings(sites, readings, count, SBL_MODE_GI);
     int i;
     for (i = 0; i < count; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = count;
-    desc.options.mode = SBL_MODE_GI;
     desc.options.rays = rays;
     return desc;
 }
@@ -1736,7 +1724,6 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
         l->direction[1] = -1;
         l->cone = l->inner_cone = 60;
     }
-    memset(&gather, 0, sizeof gather);
     memset(sites, 0, sizeof sites);
     for (i = 0; i < SITES; i++) {
         sites[i].position[0] = 0.3f + 0.1f * (float)(i % 4);
@@ -1744,10 +1731,7 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
         sites[i].position[2] = 0.1f * (float)(i / 4) - 0.15f;
         sites[i].normal[1] = -1;
     }
-    gather.sites = sites;
-    gather.readings = readings;
-    gather.site_count = SITES;
-    gather.options.mode = SBL_MODE_GI;
+    gather = scene_readings(sites, readings, SITES, SBL_MODE_GI);
     gather.options.rays = 256;
     desc = scene_desc(&s);
     desc.max_bounce_cells = 32768;
@@ -1935,12 +1919,8 @@ TEST(rooms_reflect_their_mean) {
         for (i = 0; i < s.mesh_count && half; i++) scene_blend(&s, &s.meshes[i], 0.5f);
         scene = scene_desc(&s);
         memset(&site, 0, sizeof site);
-        memset(&desc, 0, sizeof desc);
         site.normal[1] = 1;
-        desc.sites = &site;
-        desc.readings = &reading;
-        desc.site_count = 1;
-        desc.options.mode = SBL_MODE_GI;
+        desc = scene_readings(&site, &reading, 1, SBL_MODE_GI);
         scene.max_bounce_cells = 1024;
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
                 "%s", watch_last(&seen));

@@ -102,7 +102,6 @@ static sbl_result measure(sbl_mode mode, float *R, float *groups, int group_coun
     sbl_result result;
     int i, g;
     memset(sites, 0, sizeof sites);
-    memset(&desc, 0, sizeof desc);
     for (i = 0; i < SITES; i++) {
         const float a = (float)(i % 6) / 3 - 0.8f, b = (float)(i / 6) / 2 - 0.7f;
         sites[i].position[0] = i % 2 ? a : -0.999f;
@@ -116,10 +115,7 @@ static sbl_result measure(sbl_mode mode, float *R, float *groups, int group_coun
         sites[i].normal[0] = 0;
         sites[i].normal[1] = -1;
     }
-    desc.sites = sites;
-    desc.site_count = SITES;
-    desc.readings = readings;
-    desc.options.mode = mode;
+    desc = scene_readings(sites, readings, SITES, mode);
     desc.groups = groups ? found : NULL;
     result = sbl_gather_readings(context, &desc);
     for (i = 0; i < SITES; i++) {
@@ -195,13 +191,9 @@ TEST(invalid_readings_have_no_groups) {
         s.lights[i].light_group = i;
     }
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
-    memset(&desc, 0, sizeof desc);
     site.normal[1] = 1;
-    desc.sites = &site;
-    desc.site_count = 1;
-    desc.readings = &reading;
+    desc = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
     desc.groups = groups;
-    desc.options.mode = SBL_MODE_DIRECT;
     REQUIRE(set(2, 0) && sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
     printf("  valid %d, R %g, groups %g %g\n", reading.valid, (double)reading.radiance[0], (double)groups[0],
            (double)groups[3]);

@@ -562,7 +562,7 @@ TEST(lamps_at_one_place) {
     int i, k;
     for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
         test_scene s = { 0 };
-        sbl_readings_desc desc = { 0 };
+        sbl_readings_desc desc;
         sbl_site sites[2];
         sbl_reading readings[2];
         sbl_scene_desc scene;
@@ -573,10 +573,7 @@ TEST(lamps_at_one_place) {
             sites[k].normal[1] = k ? -1.0f : 1.0f;
         }
         for (k = 0; cases[i].plates[k]; k++) add_plate(&s, cases[i].plates[k], 2 * (k % 2));
-        desc.sites = sites;
-        desc.readings = readings;
-        desc.site_count = 2;
-        desc.options.mode = SBL_MODE_DIRECT;
+        desc = scene_readings(sites, readings, 2, SBL_MODE_DIRECT);
         scene = scene_desc(&s);
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
                 "no readings");
@@ -673,11 +670,7 @@ TEST(textures_of_lamps_are_noise) {
         m->alpha_cutoff = holes ? 0.5f : 0;
         scene_quad(&s, 1, -0.5f, 1, -0.5f, 0.5f, 1, -0.5f, 0.5f, 1, 0.5f, -0.5f, 1, 0.5f);
         scene = scene_desc(&s);
-        memset(&desc, 0, sizeof desc);
-        desc.sites = sites;
-        desc.readings = readings;
-        desc.site_count = SITES;
-        desc.options.mode = SBL_MODE_DIRECT;
+        desc = scene_readings(sites, readings, SITES, SBL_MODE_DIRECT);
         desc.options.rays = 16;
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
               "no readings");
@@ -1389,17 +1382,14 @@ TEST(few_rays_that_differ_are_not_lost) {
         const double seen = ref_polygon(origin, up, part, 4), whole = ref_polygon(origin, up, lamp, 4);
         const double expected = open ? whole - seen : seen;
         test_scene s = { 0 };
-        sbl_readings_desc desc = { 0 };
+        sbl_readings_desc desc;
         sbl_scene_desc scene;
         double mean = 0, squares = 0, variance = 0;
         scene_quad(&s, scene_lamp(&s, 1, 1, 1), -1, 2, -1, 1, 2, -1, 1, 2, 1, -1, 2, 1);
         if (!open) scene_plate_with_hole(&s);
         else scene_quad(&s, scene_material(&s, 0, 0, 0), 0.2f, 1, 0.1f, 0.3f, 1, 0.1f, 0.3f, 1, 0.2f, 0.2f, 1, 0.2f);
         scene = scene_desc(&s);
-        desc.sites = sites;
-        desc.readings = readings;
-        desc.site_count = SENSORS;
-        desc.options.mode = SBL_MODE_DIRECT;
+        desc = scene_readings(sites, readings, SENSORS, SBL_MODE_DIRECT);
         desc.options.backend = SBL_BACKEND_TRACE;
         desc.options.rays = 256;
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,

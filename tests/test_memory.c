@@ -164,12 +164,8 @@ TEST(a_used_up_budget_is_an_error) {
     scene_sphere(&room, scene_material(&room, 0.5f, 0.5f, 0.5f), 0, 0, 0, 1, 200, 100, 1);
     scene_sky(&room, 1, 1, 1);
     scene = scene_desc(&room);
-    memset(&readings, 0, sizeof readings);
-    readings.sites = &site;
-    readings.readings = &reading;
-    readings.site_count = 1;
+    readings = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
     readings.options.backend = SBL_BACKEND_RASTER;
-    readings.options.mode = SBL_MODE_DIRECT;
     for (step = 3e5; step < 2e8 && !context; step *= 1.1) {
         sbl_result result;
         sbl_memory m;

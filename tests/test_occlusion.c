@@ -57,12 +57,8 @@ TEST(readings_beside_a_wall) {
     int i, k;
     REQUIRE(set_floor_and_wall(), "%s", watch_last(&seen));
     memset(&site, 0, sizeof site);
-    memset(&desc, 0, sizeof desc);
     site.normal[1] = 1;
-    desc.sites = &site;
-    desc.readings = &reading;
-    desc.site_count = 1;
-    desc.options.mode = SBL_MODE_DIRECT;
+    desc = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
     desc.options.rays = 4096;
     for (i = 0; i < 12; i++) {
         const double x = 0.1 + 0.15 * (i / 4), length = lengths[i % 4];
@@ -200,13 +196,9 @@ TEST(stuck_sensors_are_found) {
     scene_box(&s, 0, -3, 0.02f, -3, 3, 2, 3);
     scene = scene_desc(&s);
     memset(&site, 0, sizeof site);
-    memset(&desc, 0, sizeof desc);
     site.normal[1] = 1;
     site.offset = 0.05f;
-    desc.sites = &site;
-    desc.readings = &reading;
-    desc.site_count = 1;
-    desc.options.mode = SBL_MODE_DIRECT;
+    desc = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
     desc.options.ray_length = 0.02f;
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s",
             watch_last(&seen));

@@ -150,13 +150,8 @@ TEST(steps_keep_to_their_time) {
     static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_readings_desc gather;
+    sbl_readings_desc gather = scene_readings(sites, readings, SITES, SBL_MODE_AMBIENT);
     int way, i, steps = 0;
-    memset(&gather, 0, sizeof gather);
-    gather.sites = sites;
-    gather.readings = readings;
-    gather.site_count = SITES;
-    gather.options.mode = SBL_MODE_AMBIENT;
     gather.options.rays = 4;
     for (i = 0; i < SITES; i++) {
         sites[i].position[0] = sites[i].position[2] = 200;
@@ -196,18 +191,13 @@ static sbl_site gather_sites[GATHER_SITES];
 static sbl_reading gather_readings[GATHER_SITES];
 
 static sbl_readings_desc gather_of(sbl_mode mode) {
-    sbl_readings_desc gather;
+    sbl_readings_desc gather = scene_readings(gather_sites, gather_readings, GATHER_SITES, mode);
     int i;
-    memset(&gather, 0, sizeof gather);
     for (i = 0; i < GATHER_SITES; i++) {
         gather_sites[i].position[0] = 50 + 60 * (float)(i % 8);
         gather_sites[i].position[2] = 50 + 60 * (float)(i / 8);
         gather_sites[i].normal[1] = 1;
     }
-    gather.sites = gather_sites;
-    gather.readings = gather_readings;
-    gather.site_count = GATHER_SITES;
-    gather.options.mode = mode;
     gather.options.rays = 8;
     return gather;
 }
@@ -763,13 +753,9 @@ TEST(a_finished_picture_stays) {
     int k, step;
     if (!context) return;
     memset(&empty, 0, sizeof empty);
-    memset(&gather, 0, sizeof gather);
     memset(&site, 0, sizeof site);
     site.normal[1] = 1;
-    gather.sites = &site;
-    gather.readings = &reading;
-    gather.site_count = 1;
-    gather.options.mode = SBL_MODE_AMBIENT;
+    gather = scene_readings(&site, &reading, 1, SBL_MODE_AMBIENT);
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     for (k = 0; k < SBL_CHANNEL_COUNT; k++)
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);

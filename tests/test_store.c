@@ -69,7 +69,6 @@ static sbl_result gather(sbl_reading readings[SITES]) {
     sbl_readings_desc desc;
     sbl_site sites[SITES];
     int i;
-    memset(&desc, 0, sizeof desc);
     memset(sites, 0, sizeof sites);
     for (i = 0; i < SITES; i++) {
         sites[i].position[0] = 0.3f + 0.07f * (float)i;
@@ -77,10 +76,7 @@ static sbl_result gather(sbl_reading readings[SITES]) {
         sites[i].position[2] = 0.4f + 0.05f * (float)i;
         sites[i].normal[i % 3] = i & 1 ? 1.0f : -1.0f;
     }
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = SITES;
-    desc.options.mode = SBL_MODE_GI;
+    desc = scene_readings(sites, readings, SITES, SBL_MODE_GI);
     desc.options.rays = 32;
     return sbl_gather_readings(context, &desc);
 }

@@ -88,12 +88,8 @@ static sbl_result gather(worker *w, output *out) {
     sbl_readings_desc desc;
     int i;
     memset(sites, 0, sizeof sites);
-    memset(&desc, 0, sizeof desc);
     for (i = 0; i < SITES; i++) { sites[i].position[0] = 0.3f * (float)i; sites[i].normal[1] = 1; }
-    desc.sites = sites;
-    desc.readings = out->readings;
-    desc.site_count = SITES;
-    desc.options.mode = SBL_MODE_AMBIENT;
+    desc = scene_readings(sites, out->readings, SITES, SBL_MODE_AMBIENT);
     desc.options.rays = 20;
     return sbl_gather_readings(w->context, &desc);
 }

@@ -433,12 +433,8 @@ static double worst_of_floor(int count, int rays, sbl_mode mode, double truth, i
     sbl_readings_desc desc;
     double worst = 0;
     int i;
-    memset(&desc, 0, sizeof desc);
     memset(sites, 0, sizeof sites);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = count;
-    desc.options.mode = mode;
+    desc = scene_readings(sites, readings, count, mode);
     desc.options.epsilon = mode == SBL_MODE_AMBIENT ? 1.0f : 0.0f;
     desc.options.rays = rays;
     for (i = 0; i < count; i++) {

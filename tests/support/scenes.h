@@ -303,6 +303,17 @@ static inline sbl_picture_desc scene_view(int width, int height, float fov, floa
     return view;
 }
 
+/* Returns a descriptor that measures R at these sites. */
+static inline sbl_readings_desc scene_readings(const sbl_site *sites, sbl_reading *readings, int count, sbl_mode mode) {
+    sbl_readings_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = count;
+    desc.options.mode = mode;
+    return desc;
+}
+
 static inline sbl_picture_desc scene_cornell_view(int width, int height) {
     return scene_view(width, height, 39.3077f, 278, 273, -800, 278, 273, 0);
 }
