@@ -3037,6 +3037,7 @@ typedef struct sbl__record {
 #define SBL__GUIDE_SECTORS 32      /* sectors of each band of a guide's histogram */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
+#define SBL__ATLAS_MARK 0x80000000u  /* the sign bit of a texel's first weight, see SBL__ATLAS_WORDS */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the index of the look's guide is which >> this */
 #define SBL__RESULTS_WIDTH 1024    /* width of the textures that hold the results of a job, in texels */
@@ -3114,7 +3115,7 @@ typedef struct sbl__record {
     X(GUIDE_BANDS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
@@ -9673,7 +9674,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    chart. */
 
 /* Words of a texel in sbl__atlas.texels: 1 + index of the triangle in the scene (0: none); barycentric weights of
-   corners 1 and 2, as floats; 1 + chart index. The sign bit of the first weight is 1 if facet_limit affects the
+   corners 1 and 2, as floats; 1 + chart index. The first weight has SBL__ATLAS_MARK if facet_limit affects the
    triangle. */
 #define SBL__ATLAS_WORDS 4
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
@@ -9689,7 +9690,6 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 #define SBL__ATLAS_SHARP 0.49   /* an edge is sharp if the cosine of the angle between its triangles' normals is less:
                                    60.7 degrees, so that pipes of six sides have no sharp edges */
 #define SBL__ATLAS_ROUNDS 3     /* number of triangles over which the marks of sharp edges spread */
-#define SBL__ATLAS_MARK 0x80000000u  /* the sign bit of a texel's first weight */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
@@ -10902,7 +10902,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        sbl_Surface s = sbl_surface_front(int(triangle) - 1, abs(uintBitsToFloat(texel.y)),\n",
 "                                          uintBitsToFloat(texel.z));\n",
 "        s.id = texel.w;\n",
-"        if (facet_limit > 0.0 && (texel.y & 0x80000000u) != 0u)\n",
+"        if (facet_limit > 0.0 && (texel.y & SBL_ATLAS_MARK) != 0u)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
 "                                     clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));\n",
 "#else\n",

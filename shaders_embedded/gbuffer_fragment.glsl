@@ -315,7 +315,7 @@ void main() {
         sbl_Surface s = sbl_surface_front(int(triangle) - 1, abs(uintBitsToFloat(texel.y)),
                                           uintBitsToFloat(texel.z));
         s.id = texel.w;
-        if (facet_limit > 0.0 && (texel.y & 0x80000000u) != 0u)
+        if (facet_limit > 0.0 && (texel.y & SBL_ATLAS_MARK) != 0u)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.least_height / facet_limit - 1.0, 0.0, 1.0)));
 #else
