@@ -11149,6 +11149,7 @@ typedef struct sbl__site {
     int pixel;                  /* for >>refine: index of the site's pixel */
     int guide;                  /* index of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with the look of index `first` */
+    int suspect;                /* 1: the site gets a stuck test, whatever its looks see, see sbl__job_judge */
     float view[3];              /* unit vector to the viewer. This and the next fields are only used if the spec is
                                    `lobe` */
     float reflectance[3], roughness;  /* reflectance along the normal and roughness of the lobe, see lobe.glsl */
@@ -14842,11 +14843,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. Therefore a
    site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from the sensor
    back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the walls of
-   the body. If the test hits closer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
+   the body. The caller can ask for a test, too (sbl__site.suspect). If the test hits closer than SBL__STUCK_SHARE of the
+   offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
-    const int is_first = j->look == 0, is_short = j->task.spec.ray_length > 0;
+    const int is_first = j->look == 0, asked = j->task.sites[site].suspect || j->task.spec.ray_length > 0;
     const float offset = j->task.sites[site].offset;
     j->lost += hits[2] < 0;
     if (stuck_test) {
@@ -14855,7 +14857,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOC
     }
     sbl__job_take(j, found);
     if (!is_first || offset <= 0) return SBL_SUCCESS;
-    if (!is_short && !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!asked && !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
@@ -15094,7 +15096,6 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 #define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
 #define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
-#define SBL__BOUNCE_STUCK_RAYS 4   /* number of rays over the hemisphere that decide if a point needs a stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
                                       both belong to one patch, which is smooth */
@@ -16283,6 +16284,13 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     return b->direct && b->solved ? sbl__bounce_make_sites(b, (size_t)b->point_count) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Returns 1 if a ray of a point sees a back face, so that the point may be stuck inside geometry. */
+static int sbl__point_is_suspect(const sbl__bounce *b, int point) {
+    const sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    while (hit < end && !(hit->side & 1 && hit->distance < SBL__FAR)) hit++;
+    return hit < end;
+}
+
 /* Adds a site for a point whose light is not measured, or for each point if glows are measured. */
 static sbl_result sbl__bounce_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -16296,6 +16304,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     memcpy(site->geometric_normal, site->normal, sizeof site->normal);
     site->number = (uint32_t)at;
     site->looks = 1;
+    site->suspect = !b->glows && sbl__point_is_suspect(b, at);
     return SBL_SUCCESS;
 }
 
@@ -16313,13 +16322,13 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     measurement.options.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
-        task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
+        task.spec.rays = 1;  /* rays over the hemisphere find nothing that the point's own rays have not found */
         task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment */
         task.spec.groups = c->scene.light_groups;
         task.layers = b->found_layers;
     }
     if (direct && b->glows) {
-        task.spec.glows = task.spec.rays = 1;  /* the first job has found out which points are stuck */
+        task.spec.glows = 1;  /* the first job has found out which points are stuck */
         task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
@@ -18636,6 +18645,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->guide = sbl__guide_for(r, index);
     out->first = first;
     out->looks = looks;
+    out->suspect = 0;
     if (!r->lobes) return;
     memcpy(out->view, r->lobes[index].view, sizeof out->view);
     memcpy(out->reflectance, r->lobes[index].reflectance, sizeof out->reflectance);
@@ -22604,7 +22614,7 @@ static void sbl__site_make(const sbl__work *w, const sbl_site *from, uint32_t nu
                      out->geometric_normal);
     out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : usual_offset;
     out->number = number;
-    out->guide = out->first = 0;
+    out->guide = out->first = out->suspect = 0;
     out->looks = 1;
 }
 

@@ -427,6 +427,38 @@ static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], s
     b->states = states;
 }
 
+/* Only the second of three points has a ray that sees a back face, its last. A missed ray of the third point has an odd
+   side, which means nothing. In the job that measures glows, no point is tested again. */
+TEST(points_that_see_back_faces_are_suspect) {
+    static sbl__bounce b;
+    static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
+    static sbl__site sites[3];
+    sbl__vertex vertices[3];
+    sbl__geometry g;
+    sbl__bounce_point points[3];
+    uint32_t indices[3] = { 0, 1, 2 };
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(points, 0, sizeof points);
+    g.vertices = vertices;
+    g.indices = indices;
+    vertices[1].position[0] = vertices[2].position[1] = 1;
+    b.geometry = &g;
+    b.points = points;
+    b.hits.list = hits;
+    b.sites = sites;
+    hits[2 * SBL__BOUNCE_RAYS - 1].side = hits[2 * SBL__BOUNCE_RAYS].side = 7;
+    hits[2 * SBL__BOUNCE_RAYS].distance = 2 * SBL__FAR;
+    for (i = 0; i < 3; i++) sbl__bounce_site(&b, i);
+    REQUIRE(b.site_count == 3, "%d sites", b.site_count);
+    for (i = 0; i < 3; i++) CHECK(sites[i].suspect == (i == 1), "point %d: suspect is %d", i, sites[i].suspect);
+    b.glows = 1;
+    b.site_count = 0;
+    sbl__bounce_site(&b, 1);
+    CHECK(!sites[0].suspect, "a point is tested twice");
+}
+
 /* A leaf has three points; the second is stuck. A quarter of the rays of the first point and half of the rays of the
    last point hit another leaf, which reflects half of 8. Therefore these points receive 1 and 2. The leaf receives the
    mean of the valid points. Its noise is the standard error of this mean. With one valid point the noise is half of the
@@ -809,6 +841,7 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
