@@ -403,15 +403,15 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x2f87c0c0c6a6aa75u,  /* glossy_picture */
+    0x35a4b11249e219dcu,  /* glossy_picture */
     0x9751ccd946cdf6f8u,  /* glossy_window */
     0x82aa92bfbbba8131u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
     0x9df221481dba488fu,  /* glossy_rasterised */
-    0x07d22bc4c135b0a8u,  /* matte_picture */
+    0x4870c7898dc98476u,  /* matte_picture */
     0x490ca53a3891606du,  /* plain_picture */
-    0x27c9a686e0e52ff7u,  /* changed_picture */
-    0xe59f4881e32923a5u,  /* directional_lightmap */
+    0x065707dca533093du,  /* changed_picture */
+    0xcb2a2ce361856302u,  /* directional_lightmap */
     0x4d684bdadf579303u,  /* grouped_lightmap */
     0x61f9e5b95759ec28u,  /* joined_lightmap */
     0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
@@ -421,7 +421,7 @@ static const hash llvmpipe_15[CASES] = {
     0x2e4e69bf80082469u,  /* rasterised_readings */
     0x0847021c63b8d9cbu,  /* probes */
     0x422e71e1efcfab69u,  /* store */
-    0xda234d86b694e1a0u  /* stored_picture */
+    0x5a7a13e76ffc8febu  /* stored_picture */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 
