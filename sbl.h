@@ -5624,7 +5624,7 @@ static int sbl__holds_light(const sbl__object *o) {
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
+#define SBL__ALBEDO_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
 
 /* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R, with any signs. If
    the surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
@@ -5637,13 +5637,13 @@ static void sbl__reflect(const sbl__object *o, const float light[3], float radia
 }
 
 /* Packs an albedo of 0 .. 1 per channel into 16 bits each. */
-static void sbl__share_pack(const float share[3], uint16_t out[3]) {
+static void sbl__albedo_pack(const float share[3], uint16_t out[3]) {
     int k;
-    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
+    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__ALBEDO_ONE * share[k] + 0.5f);
 }
 
-/* Adds SBL__SHARE_ONE * (radiance that a surface reflects) to sum. share: albedo of the surface, packed by
-   sbl__share_pack. light: R at the surface */
+/* Adds SBL__ALBEDO_ONE * (radiance that a surface reflects) to sum. share: albedo of the surface, packed by
+   sbl__albedo_pack. light: R at the surface */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     sum[0] += (float)share[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
     sum[1] += (float)share[1] * light[1];
@@ -5783,18 +5783,18 @@ static const char *const sbl__glsl_lobe[] = {
 "    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
 "}\n",
 "\n",
-"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_met on lamps that are not emitting triangles\n",
+"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
 "\n",
 "// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It\n",
 "// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.\n",
-"float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
+"float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
 "\n",
 "#ifdef SBL_LOBE\n",
 "sbl_Lobe lobe;         // the lobe of the look that is measured\n",
 "vec3 lobe_scale;       // 1 / albedo of the lobe: the look measures the mean radiance that the lobe reflects\n",
-"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_met\n",
+"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_mis\n",
 "\n",
 "void sbl_lobe_begin(int look, vec3 normal) {\n",
 "    float roughness = sbl_lobe_roughness(look);\n",
@@ -5819,15 +5819,15 @@ static const char *const sbl__glsl_material[] = {
 "// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other\n",
 "// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
-"uniform bool lamps_apart;  // true: lamps.glsl adds light of emitters; sbl_outgoing adds it times sbl_lamp_met()\n",
+"uniform bool lamps_apart;  // true: lamps.glsl measures emitters; emission counts only sbl_emission_weight() here\n",
 "#ifdef SBL_SPECULAR\n",
-"float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met\n",
+"float lamp_mis = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_mis\n",
 "#endif\n",
 "\n",
-"// Returns the weight with which sbl_outgoing adds emission.\n",
-"float sbl_lamp_met() {\n",
+"// Returns the factor of emission in sbl_outgoing.\n",
+"float sbl_emission_weight() {\n",
 "#ifdef SBL_SPECULAR\n",
-"    return lamps_apart ? lamp_met : 1.0;\n",
+"    return lamps_apart ? lamp_mis : 1.0;\n",
 "#else\n",
 "    return lamps_apart ? 0.0 : 1.0;\n",
 "#endif\n",
@@ -5957,16 +5957,16 @@ static const char *const sbl__glsl_material[] = {
 "#elif defined(SBL_BOUNCED)\n",
 "    return false;\n",
 "#else\n",
-"    return sbl_emits(object, back) ? sbl_lamp_met() == 0.0 : epsilon <= 0.0;\n",
+"    return sbl_emits(object, back) ? sbl_emission_weight() == 0.0 : epsilon <= 0.0;\n",
 "#endif\n",
 "}\n",
 "\n",
 "// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
-"// and 2. This is the emission of an emitter times sbl_lamp_met(), or epsilon * albedo for other surfaces.\n",
+"// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
-"    if (emits) radiance *= sbl_lamp_met();\n",
+"    if (emits) radiance *= sbl_emission_weight();\n",
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 entry = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(entry, at.uv)).rgb;\n",
@@ -6224,14 +6224,14 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Returns the radiance of a ray that hits nothing. met: MIS weight of the ray for radiance above the limit, which\n",
+"// Returns the radiance of a ray that hits nothing. mis: MIS weight of the ray for radiance above the limit, which\n",
 "// lamps.glsl may sample, too\n",
-"vec3 sbl_sky(vec3 direction, float met) {\n",
+"vec3 sbl_sky(vec3 direction, float mis) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-"        radiance *= 1.0 - (1.0 - met) * sbl_sky_excess(radiance);\n",
+"        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
 "}\n",
@@ -6917,8 +6917,8 @@ static const char *const sbl__glsl_traverse[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Raises the chance with which gloss reflects the ray by its lobe (see sbl_face_ray) and with which panes reflect\n",
-"// it. 0 to 1: the probability that the ray was sent to a lamp in a mirror\n",
+"// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes\n",
+"// reflect it. It is the probability that the ray was sent to a lamp in a mirror\n",
 "float chance_least = 0.0;\n",
 "#endif\n",
 "\n",
@@ -7313,7 +7313,7 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 /* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
    both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings
    often stand for a surface with two sides. */
-static sbl_result sbl__lamps_claim(void *work, int at) {
+static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__lamp *lamp = &l->list[at], *other;
     const uint32_t number = sbl__lamp_solid(l, lamp);
@@ -7398,7 +7398,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* Returns the index at which to split lamps low .. high: the first lamp in whose curve position the highest differing
    bit is set. Lamps with equal curve positions are split in the middle. */
-static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
+static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
     if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
@@ -7420,7 +7420,7 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
 }
 
 /* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
-static int sbl__lamps_plant(void *work) {
+static int sbl__lamps_make_roots(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int near_count = 0;
     while (near_count < l->count && !l->list[near_count].distant) near_count++;
@@ -7435,7 +7435,7 @@ static sbl_result sbl__lamps_split(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
     if (end - first > 1) {
-        const int cut = sbl__lamps_cut(l, first, end - 1);
+        const int cut = sbl__lamps_split_index(l, first, end - 1);
         sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
@@ -7488,7 +7488,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
    subtrees are on top of the stack, the left one uppermost. */
-static sbl_result sbl__lamps_add_up(void *work, int at) {
+static sbl_result sbl__lamps_sum(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int number = l->node_count - 1 - at;
     sbl__lamp_node *node = &l->nodes[number];
@@ -7744,11 +7744,11 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
-        { NULL, sbl__lamps_compact, sbl__lamps_claim, sbl__lamps_count },
+        { NULL, sbl__lamps_compact, sbl__lamps_drop_copy, sbl__lamps_count },
         { sbl__lamps_place, NULL, NULL, NULL },
-        { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
+        { sbl__lamps_sort, sbl__lamps_make_roots, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
-        { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
+        { NULL, NULL, sbl__lamps_sum, sbl__lamps_nodes },
         { NULL, sbl__lamps_mirror, sbl__planes_add, sbl__planes_candidates },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
@@ -8313,8 +8313,8 @@ typedef struct sbl__scene {
 #define SBL__ACROSS_LEAST 5e-10
 #define SBL__ACROSS_MOST 6e9
 #define SBL__AWAY_MOST 4e3
-#define SBL__SHINES_LEAST 1e-9  /* variances, which are squares of light, vanish below */
-#define SBL__SHINES_MOST 1e17   /* variances overflow above */
+#define SBL__LIGHT_LEAST 1e-9  /* variances, which are squares of light, vanish below */
+#define SBL__LIGHT_MOST 1e17   /* variances overflow above */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
@@ -8330,7 +8330,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 
 /* Writes all materials into their meshes' objects. Computes s->brightest and the bits of s->features that materials
    determine. */
-static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
+static void sbl__scene_write_materials(sbl__scene *s, const sbl_material *materials) {
     int i, polished = 0, panes = 0;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS | SBL__MIRRORS_BLUR);
@@ -8414,10 +8414,10 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
     sbl__scene_warn_size(base, g, 0);
-    if (shining > 0 && ((double)s->lights.unit < SBL__SHINES_LEAST || (double)s->lights.unit > SBL__SHINES_MOST))
+    if (shining > 0 && ((double)s->lights.unit < SBL__LIGHT_LEAST || (double)s->lights.unit > SBL__LIGHT_MOST))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
                  "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
-                 (double)s->lights.unit, SBL__SHINES_LEAST, SBL__SHINES_MOST);
+                 (double)s->lights.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8448,7 +8448,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
             s->geometry.meshes[i].material = mesh->material;
             s->geometry.objects[i].id = mesh->id ? mesh->id : (uint32_t)i + 1;
         }
-        sbl__scene_dress(s, desc->materials);
+        sbl__scene_write_materials(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
         if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
@@ -8505,7 +8505,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     memset(&others, 0, sizeof others);
     memcpy(objects, before.geometry.objects, count * sizeof *objects);
     s->geometry.objects = objects;
-    if (materials) sbl__scene_dress(s, materials);
+    if (materials) sbl__scene_write_materials(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
     if (result == SBL_SUCCESS && lights) sbl__lights_settle(&others, s->geometry.centre);
@@ -10031,7 +10031,7 @@ static float sbl__facet_unit(const sbl__atlas *a) { return a ? sbl__atlas_texel_
 
 /* Logs the number of triangles without area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if no triangle has
    area in the map. */
-static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
+static sbl_result sbl__atlas_warn_degenerate(const sbl__atlas *a) {
     const int none = a->degenerate == a->triangles;
     if (!a->degenerate) return SBL_SUCCESS;
     sbl__log(a->base, none ? SBL_LOG_ERROR : SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "lightmap: %d of %d "
@@ -10056,7 +10056,7 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->positions);
     a->parents = NULL;
-    return sbl__atlas_tell_degenerate(a);
+    return sbl__atlas_warn_degenerate(a);
 }
 
 /* The triangles that a texel and its neighbours of the same chart show, and the part of the texel that they may
@@ -10234,7 +10234,7 @@ static sbl_result sbl__atlas_mark_row(void *work, int row) {
 }
 
 /* Draws the atlas in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
-   sbl__atlas_tell_degenerate. */
+   sbl__atlas_warn_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
@@ -10610,7 +10610,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
 "// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
 "// the borders of their cells.\n",
-"// points: 25, or 0 if the result is not needed\n",
+"// points: 25, or 0 if the result is not needed, which then is 0\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -10652,6 +10652,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
+"// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
@@ -10704,8 +10705,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The\n",
-"// stored light replaces it.\n",
+"// sbl_follow may end at a surface that lets light pass, and then does not find what is behind it. Returns a\n",
+"// substitute: the transmitted fraction, times the stored light of the surface itself.\n",
 "vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {\n",
 "    vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));\n",
 "#ifdef SBL_BOUNCED\n",
@@ -10752,10 +10753,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);\n",
 "}\n",
 "\n",
-"// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
-"// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,\n",
-"// with the stored light there: the reflection of a pane, or the view through a surface that transmits little\n",
-"// light. On its way, it passes through surfaces that let light pass. point: see sbl_mirrored\n",
+"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a\n",
+"// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:\n",
+"// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that\n",
+"// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see\n",
+"// sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -11995,8 +11997,8 @@ static const char *const sbl__glsl_lamp[] = {
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
-"float above;                 // distance of `stand` from the surface\n",
+"vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
+"float above;                 // distance of `ray_origin` from the surface\n",
 "mat3 to_frame;               // the sensor's frame, for closed forms\n",
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
@@ -12275,13 +12277,13 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_met. Rays do not hit\n",
+"// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_mis. Rays do not hit\n",
 "// lights (point, spot and directional), whose weight is 0.\n",
-"float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
+"float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
 "    float lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
 "        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
-"    return sbl_is_light(l) ? 0.0 : sbl_lobe_met(lobe_density, lamp_density);\n",
+"    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -12408,7 +12410,7 @@ static const char *const sbl__glsl_lamps[] = {
 "uniform float extent;           // scene extent in world units: unit of the view texture's distances\n",
 "\n",
 "const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
-"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray\n",
+"const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
 "// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction\n",
 "// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.\n",
@@ -12421,7 +12423,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
-"    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
+"    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {\n",
 "        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
 "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
@@ -12445,7 +12447,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
-"        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
+"        if (attempt == SBL_TEXELS_COMPARED - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
 "            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);\n",
 "    }\n",
 "    return true;\n",
@@ -12631,8 +12633,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;\n",
 "#ifdef SBL_LOBE\n",
 "    unhindered *= sbl_cosine_factor(s.direction);\n",
-"    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
-"    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
+"    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
+"    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
 "    vec4 counts = vec4(0);\n",
@@ -12650,9 +12652,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
-"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
+"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);\n",
 "    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
 "                            SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
@@ -12830,9 +12832,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (look < 0 || look >= count) sbl_leave;\n",
 "#endif\n",
 "    n = sbl_look_normal(look);\n",
-"    stand = sbl_look_position(look);\n",
+"    ray_origin = sbl_look_position(look);\n",
 "    above = sbl_look_offset(look);\n",
-"    position = stand - above * n;\n",
+"    position = ray_origin - above * n;\n",
 "    to_frame = transpose(sbl_frame(n));\n",
 "#ifdef SBL_LOBE\n",
 "    sbl_lobe_begin(look, n);\n",
@@ -13586,7 +13588,7 @@ static const char *const sbl__glsl_reflect[] = {
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
-"                             // (sbl_lobe_met); 0: ignore lamps that the ray hits\n",
+"                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits\n",
 "\n",
 "// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines\n",
 "// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is\n",
@@ -13640,7 +13642,7 @@ static const char *const sbl__glsl_reflect[] = {
 "// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,\n",
 "// Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
 "#ifdef SBL_LOBE\n",
-"const int SBL_LAMP_TRIES = 1;  // more make the sensors of lobes slower, but not better\n",
+"const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better\n",
 "#else\n",
 "const int SBL_LAMP_TRIES = 8;\n",
 "#endif\n",
@@ -13656,8 +13658,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    vec3 light = vec3(0);\n",
 "    float all = 0.0;\n",
 "    for (int k = 1; k <= SBL_LAMP_TRIES; k++) {\n",
-"        float met = sbl_met_by_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
-"        vec3 found = (1.0 - met) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
+"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
+"        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
 "        float weight = found.r + found.g + found.b;\n",
 "        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect\n",
 "        all += weight;\n",
@@ -13674,7 +13676,7 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or shines (see SBL_LEGS): the ray to a lamp and the\n",
+"// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the\n",
 "// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
@@ -13687,8 +13689,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    n = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
-"    stand = position + above * n;\n",
-"    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
+"    ray_origin = position + above * n;\n",
+"    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Lobe shine;\n",
@@ -13775,7 +13777,7 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
-"float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows\n",
+"float sky_mis = 0.0, glow_mis = 0.0;  // MIS weights, like lamp_mis, for bright texels of the sky and for glows\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
 "uniform int sky_layer;          // layer of the sky\n",
@@ -13800,10 +13802,10 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
-"// the hit is near or its surface shines, otherwise false. If true, further rays find the reflected light, which\n",
-"// the result lacks, except that the diffuse part of a surface that shines reflects stored light. material: set\n",
-"// only with SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the\n",
-"// sensor.\n",
+"// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
+"// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.\n",
+"// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which\n",
+"// lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13835,9 +13837,9 @@ static const char *const sbl__glsl_trace[] = {
 "        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
-"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
+"        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
 "        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,\n",
-"                       (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
+"                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
 "#endif\n",
@@ -13856,9 +13858,9 @@ static const char *const sbl__glsl_trace[] = {
 "// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract\n",
 "// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced\n",
 "// light. The last segment reads the store at any distance.\n",
-"const int SBL_LEGS = 3;\n",
+"const int SBL_SEGMENTS = 3;\n",
 "#else\n",
-"const int SBL_LEGS = 1;\n",
+"const int SBL_SEGMENTS = 1;\n",
 "#endif\n",
 "\n",
 "void main() {\n",
@@ -13933,29 +13935,29 @@ static const char *const sbl__glsl_trace[] = {
 "        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
 "        throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);\n",
 "        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
-"        glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
+"        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
 "        vec3 way = direction;\n",
 "        float limit = ray_length;\n",
 "        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
 "        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
 "        // each iteration.\n",
-"        int legs = SBL_LEGS;\n",
+"        int segments = SBL_SEGMENTS;\n",
 "#ifdef SBL_LOBE\n",
 "        bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon\n",
-"        if (is_below) legs = 0;\n",
+"        if (is_below) segments = 0;\n",
 "#endif\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"        if (weight <= 0.0) legs = 0;  // below the horizon\n",
+"        if (weight <= 0.0) segments = 0;  // below the horizon\n",
 "#endif\n",
-"        for (int leg = 0; leg < legs; leg++) {\n",
+"        for (int segment = 0; segment < segments; segment++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "            throughput *= sbl_tint;\n",
 "            if (hit.triangle < 0) {\n",
 "#ifdef SBL_SPECULAR\n",
-"                sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
+"                sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"                vec3 seen_sky = throughput * sbl_sky(direction, sky_met);\n",
+"                vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);\n",
 "                sum.rgb += seen_sky;\n",
 "                sbl_add_layer(sky_layer, seen_sky);\n",
 "                break;\n",
@@ -13963,8 +13965,8 @@ static const char *const sbl__glsl_trace[] = {
 "            bool goes_on;\n",
 "            sbl_Material material;\n",
 "#ifdef SBL_SPECULAR\n",
-"            lamp_met = 0.0;\n",
-"            if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));\n",
+"            lamp_mis = 0.0;\n",
+"            if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));\n",
 "#endif\n",
 "            vec3 position = from + direction * hit.distance;\n",
 "#ifdef SBL_GROUPS\n",
@@ -13973,11 +13975,12 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "            arriving = direction;\n",
 "#endif\n",
-"            sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);\n",
+"            sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,\n",
+"                                                 material);\n",
 "#ifdef SBL_SPECULAR\n",
 "            chance_least = 0.0;\n",
 "#endif\n",
-"            if (leg == 0) {\n",
+"            if (segment == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
@@ -13985,7 +13988,7 @@ static const char *const sbl__glsl_trace[] = {
 "            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
-"            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * leg)));\n",
+"            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * segment)));\n",
 "            from = next.from;\n",
 "            sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
 "            if (between.triangle < 0 || between.number == next.number) {\n",
@@ -14083,8 +14086,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
-"        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
-"        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
+"        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
+"        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
@@ -15141,7 +15144,7 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 /* The hit of a ray, or a surface sample. distance: length of the ray in world units; for a surface sample, length of
    the shortest of its rays that hit a surface, or SBL__UNSEEN. side: (index of the triangle in the scene) << 1 | back;
    SBL__NOWHERE: the ray hit nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after
-   sbl__bounce_link, and before that only if `current` is 1. albedo: of the surface, see sbl__share_pack. by_metal: 1:
+   sbl__bounce_link, and before that only if `current` is 1. albedo: of the surface, see sbl__albedo_pack. by_metal: 1:
    the ray had reflected off metal before this hit. current: 1: `leaf` is valid and stays so until a cut splits that
    leaf. sbl__bounce_place sets it for any queued hit; it is tested only for hits of points' rays */
 typedef struct sbl__hit {
@@ -15163,7 +15166,7 @@ typedef struct sbl__bounce_point {
 } sbl__bounce_point;
 
 /* The part of the iteration's sum that one ray of a valid point adds in each round: the light of a leaf times the
-   albedo, see sbl__share_pack. Rays that add nothing are left out. */
+   albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
@@ -15187,8 +15190,9 @@ enum {
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
     SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SPREAD,
     SBL__BOUNCE_REGIONS, SBL__BOUNCE_SCORE, SBL__BOUNCE_DIVIDE, SBL__BOUNCE_LAYERS, SBL__BOUNCE_LAYERS_GATHER,
-    SBL__BOUNCE_SHINE, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
-    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SHARES, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_SUM_FOUND, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
+    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_LAYERS_SCALE, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 };
 
 /* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
@@ -15248,7 +15252,7 @@ typedef struct sbl__bounce {
     sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
                                         state */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
-                                        (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
+                                        (see sbl__bounce_sum_found); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
@@ -15315,10 +15319,10 @@ static const char *const sbl__glsl_cast[] = {
 "    throughput *= next.throughput * sbl_tint;\n",
 "    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
 "    if (hit.triangle < 0) {\n",
-"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));\n",
+"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
 "        return light + parts.rgb;\n",
 "    }\n",
-"    lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));\n",
+"    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
 "    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
@@ -15445,7 +15449,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float position[4], const 
     out->distance = (float)sqrt(length2);
     out->leaf = SBL__NOWHERE;
     out->side = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (position[3] < 0);
-    sbl__share_pack(albedo, out->albedo);
+    sbl__albedo_pack(albedo, out->albedo);
     out->by_metal = shine && shine[3] > 0;
 }
 
@@ -15854,7 +15858,7 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
 }
 
 /* Marks all leaves as not cut, because all hits have been placed since the last cut. */
-static void sbl__bounce_all_found(sbl__bounce *b) {
+static void sbl__bounce_forget_cuts(sbl__bounce *b) {
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
 }
@@ -15865,7 +15869,7 @@ static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
-    if (b->rechecking) sbl__bounce_all_found(b);
+    if (b->rechecking) sbl__bounce_forget_cuts(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
@@ -16240,7 +16244,7 @@ static sbl_result sbl__bounce_link(void *work, int at) {
 }
 
 static int sbl__bounce_after_link(void *work) {
-    sbl__bounce_all_found((sbl__bounce *)work);
+    sbl__bounce_forget_cuts((sbl__bounce *)work);
     return SBL__BOUNCE_SITES;
 }
 
@@ -16478,7 +16482,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
+#define SBL__BOUNCE_UNIT (SBL__ALBEDO_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
@@ -16544,7 +16548,7 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
    come first if the scene has light groups */
 static int sbl__bounce_next(const sbl__bounce *b, int layers) {
     if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
-    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SUM_FOUND;
 }
 
 /* Returns GATHER for another round, or the stage after the last round. In the first rounds, scales gathered light, per
@@ -16665,7 +16669,7 @@ static int sbl__bounce_after_layers_gather(void *work) {
 }
 
 /* Scales the layers of a leaf so that they add up to its light. This corrects the remaining error of the iteration. */
-static sbl_result sbl__bounce_shares(void *work, int at) {
+static sbl_result sbl__bounce_layers_scale(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     float *layers = b->store->layers + (size_t)floats * (size_t)at;
@@ -16746,7 +16750,7 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
         if (hits[j].leaf == SBL__NOWHERE) continue;
         to = &b->division->spreads[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
-        share = (double)(sbl__luminance(reflected) / SBL__SHARE_ONE);
+        share = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
         to->hits += w;
         to->weight += w * share * share;
         for (k = 0; k < 3; k++) {
@@ -16922,7 +16926,7 @@ static int sbl__brighter(const void *first, const void *second) {
    no longer needed. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit the leaf, float 1 is
    the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. b->direct
    ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
-static sbl_result sbl__bounce_shine(void *work, int at) {
+static sbl_result sbl__bounce_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
     const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
@@ -16940,7 +16944,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
             light = (double)sbl__luminance(sum);
         } else {
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
-            light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+            light = (double)(sbl__luminance(sum) / SBL__ALBEDO_ONE);
         }
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
@@ -17095,7 +17099,7 @@ static int sbl__bounce_after_glow(void *work) {
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
-    return SBL__BOUNCE_SHARES;
+    return SBL__BOUNCE_LAYERS_SCALE;
 }
 
 /* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
@@ -17163,7 +17167,7 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
-    light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
+    light = (double)sbl__luminance(reflected) / SBL__ALBEDO_ONE;
     sbl__side_normal(b->geometry, hit->side, other);
     for (k = 0; k < 3; k++) {
         const double step = (double)(hit->position[k] - at->position[k]) / (double)hit->distance;
@@ -17333,13 +17337,13 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
     { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
+    { NULL, NULL, sbl__bounce_sum_found, sbl__bounce_points },
     { sbl__bounce_choose, NULL, NULL, NULL },
     { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
     { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_shares, sbl__bounce_grouped_leaves },
+    { NULL, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves },
     { sbl__bounce_lamps, NULL, NULL, NULL },
     { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
     { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
@@ -19637,7 +19641,7 @@ static sbl_result sbl__refine_end(sbl__refine *r) {
 
 /* Clears everything including the settings. Then sbl__refine_begin can begin again, with sbl__refine_use_atlas for a
    lightmap. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
-static void sbl__refine_forget(sbl__refine *r) {
+static void sbl__refine_reset(sbl__refine *r) {
     const sbl__refine kept = *r;
     r->pixels = NULL;
     r->sensors = NULL;
@@ -19682,7 +19686,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
 
 /* Makes the refinement predict errors of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular:
    the albedos with which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
-static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
+static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
     if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
@@ -20969,7 +20973,7 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
 static void sbl__map_end_glimpse(sbl__map *m) {
     sbl__core *c = m->work.core;
     m->glimpse = SBL__GLIMPSE_SHOWN;
-    sbl__refine_forget(&m->refine);
+    sbl__refine_reset(&m->refine);
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
     m->glimpse_stats.seconds = c->stats.seconds;
     c->stats = m->glimpse_stats;
@@ -21119,7 +21123,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
         for (k = 0; k < 6; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        if (m->has_lobes) result = sbl__refine_show(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
+        if (m->has_lobes) result = sbl__refine_put_albedo(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
         if (result == SBL_SUCCESS) result = sbl__map_put(m, at + (size_t)i, from, id);
         c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
@@ -22137,7 +22141,7 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
    m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
    to the nearest of all. */
-static int sbl__lightmap_show(const sbl__map *m, int texel) {
+static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
     uint32_t id = 0;
@@ -22168,7 +22172,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     const sbl_result result = sbl__map_read(m, slice);
     if (!m->shown) return result;
     *visible = before;  /* sbl__map_read has counted working pixels; the statistic counts texels */
-    for (; i < sbl__lightmap_rows_read(m) * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
+    for (; i < sbl__lightmap_rows_read(m) * m->size[0]; i++) *visible += sbl__lightmap_choose_shown(m, i) > 0;
     return result;
 }
 
@@ -22179,7 +22183,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const size_t shown = sbl__map_shown(m, (size_t)texel);
     const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
-    const int parts = m->shown ? sbl__lightmap_show(m, texel) : 1;
+    const int parts = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
@@ -22442,7 +22446,7 @@ static sbl_result sbl__joining_check_row(const sbl__joining *j, const char *name
 }
 
 /* Checks a row of texels in all arrays of the host. */
-static sbl_result sbl__joining_inspect(void *work, int row) {
+static sbl_result sbl__joining_check_texels(void *work, int row) {
     const sbl__joining *j = (const sbl__joining *)work;
     const int grouped = sbl__joining_groups(j) > 0;
     sbl_result result = sbl__joining_check_row(j, "ids", -1, j->desc.ids, 1, row);
@@ -22545,7 +22549,7 @@ static float sbl__joining_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__joining_stages[] = {
-    { NULL, NULL, sbl__joining_inspect, sbl__joining_rows },
+    { NULL, NULL, sbl__joining_check_texels, sbl__joining_rows },
     { sbl__joining_take, NULL, NULL, NULL },
     { sbl__joining_gutters, NULL, NULL, NULL },
     { sbl__joining_sew, NULL, NULL, NULL },
@@ -24057,7 +24061,7 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
 }
 
 /* Fills in the remaining fields of k->out. */
-static void sbl__inspect_tell(sbl__inspect_request *k) {
+static void sbl__inspect_finish(sbl__inspect_request *k) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
     const sbl_reading *r = &k->reading;
@@ -24122,7 +24126,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     } while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS) sbl__inspect_tell(k);
+    if (result == SBL_SUCCESS) sbl__inspect_finish(k);
     return result;
 }
 

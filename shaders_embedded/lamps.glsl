@@ -72,7 +72,7 @@ uniform float tangent;          // tangent of half the field of view
 uniform float extent;           // scene extent in world units: unit of the view texture's distances
 
 const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
-const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
+const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray
 
 // Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction
 // of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.
@@ -85,7 +85,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
     vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
-    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {
+    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {
         vec2 side = vec2(dot(point, side_x), dot(point, side_y));
         bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
         int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
@@ -109,7 +109,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
         vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
-        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
+        if (attempt == SBL_TEXELS_COMPARED - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
             return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
     }
     return true;
@@ -295,8 +295,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     vec3 light = s.light / p.chance, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
     unhindered *= sbl_cosine_factor(s.direction);
-    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));
-    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
+    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));
+    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.chance;
 #endif
     vec4 counts = vec4(0);
@@ -314,9 +314,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         lobe_squares += weight * weight * l.facing;
 #endif
     }
-    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
+    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);
     float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
+    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
                             SBL_RAY_SHADOW);
     vec3 filtered = sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
@@ -494,9 +494,9 @@ void main() {
     if (look < 0 || look >= count) sbl_leave;
 #endif
     n = sbl_look_normal(look);
-    stand = sbl_look_position(look);
+    ray_origin = sbl_look_position(look);
     above = sbl_look_offset(look);
-    position = stand - above * n;
+    position = ray_origin - above * n;
     to_frame = transpose(sbl_frame(n));
 #ifdef SBL_LOBE
     sbl_lobe_begin(look, n);

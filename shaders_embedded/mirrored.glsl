@@ -54,8 +54,8 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         float to_mirror = height / mirror_cosine;
         float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
         float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
-        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
-        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));
+        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
+        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));
         if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);
