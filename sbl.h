@@ -256,12 +256,12 @@
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
-   The number of rays of a look follows from the target: 16 from 6 % on, 32 from 1.5 % on, 64 from 0.4 % on, otherwise
-   128. With the default target of the preset, each sensor takes at most 32 looks. If the first looks are too noisy, all
-   looks get more rays, up to 128, and their maximum number is lowered, so that the maximum number of rays stays: 1024 /
-   1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in lightmaps. The limit bounds
-   the time where light comes through windows, and there the picture may miss the target. If you set target_error
-   yourself, even to its default, the limit is 512 looks instead of 32.
+   The number of rays of a look follows from the target: 16 for targets of 6 % or more, 32 down to 1.5 %, 64 down to
+   0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks are
+   too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays the
+   same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in lightmaps.
+   The limit bounds the time where light comes through windows, and there the picture may miss the target. If you set
+   target_error yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -282,11 +282,11 @@
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
-   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The squares of
-   all parts add up to that of the predicted error. If the third part is large, further rays would hardly help. Noise
-   and interpolation together are then reduced only to the larger of 0.84 of the target and half of the third part, but
-   at least down to twice the target. If the third part exceeds 0.55 of the target, the picture may therefore end with
-   SUCCESS and an expected_error above the target.
+   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The square of the
+   predicted error is the sum of the squares of its three parts. If the third part is large, further rays would hardly
+   help. Noise and interpolation together are then reduced only to 0.84 of the target or to half of the third part,
+   whichever is larger, but always to twice the target or less. If the third part exceeds 0.55 of the target, the
+   picture may therefore end with SUCCESS and an expected_error above the target.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -380,42 +380,44 @@
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   No channel holds the emission, or what panes add, alone. ALBEDO is the albedo of the diffuse part for this view.
-   SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or 0 if the
-   surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean radiance in the
-   lobe. Errors are those that the eye sees: the root mean square over the visible pixels, at their centres, of the
-   error of the luminance of FINAL, as a share of the mean luminance of FINAL without emission. Sensors measure R until
-   the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors
-   measure SPECULAR until the error of FINAL is. The error of FINAL has three parts, whose squares add up:
-   radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
-   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
-   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
-   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
-   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R.
-   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   No channel holds only the emission, or only the light that panes add. ALBEDO is the albedo of the diffuse part for
+   this view. SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or
+   0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
+   radiance in the lobe. The error of FINAL is the root mean square, over the centres of the visible pixels, of the
+   error of its luminance, as a share of the mean luminance of FINAL without emission. Sensors measure R until the error
+   of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR
+   until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up: radiance_error,
+   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of stored light in
+   lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
+   the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
+   the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error
+   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where
+   SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
-       lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
-                  transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
-                  the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
-       mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and 56 panes; each further pane counts as a mirror. A mirror is here a surface of a
-                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo. All
-                  channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION, ID and DEPTH
-                  (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO multiplied by
-                  what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
-                  in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
-                  SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
-                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. The
-                  same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16. All these samples lie at
-                  the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured
-                  by rays
-       panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
-                  diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
-                  except that metal of a roughness below 0.5 is itself a mirror there, which samples blur if its
-                  roughness is 0.05 to 0.16, and that other panes show what is behind them. The predicted error of FINAL
-                  contains 13 % of the stored light that panes show, since its cells are wide. No light is stored in
-                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
-                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
+       lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
+                  form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
+                  rays to lamps measure lamps (multiple importance sampling). For point, spot and directional lights, f
+                  itself is evaluated; perfect mirrors do not show them
+       mirrors    a pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is seen
+                  directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. Here, a
+                  mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have
+                  such an albedo. All channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION,
+                  ID and DEPTH (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO
+                  multiplied by what the mirrors on the way reflect and the panes pass. The picture therefore never
+                  contains SPECULAR of a mirror itself. Where a mirror shows only sky, the channels are those of the
+                  mirror, with ALBEDO and SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a
+                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
+                  these mirrors show. The same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16.
+                  All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other
+                  smooth surfaces are measured by rays
+       panes      a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own
+                  diffuse part shows the stored light. The surfaces that a pane mirrors also show their stored light,
+                  with two exceptions: other panes show what is behind them, and metal of a roughness below 0.5 is a
+                  mirror there; if its roughness is 0.05 to 0.16, anti-aliasing samples blur what it mirrors. The
+                  predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide.
+                  No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps
+                  and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps
+                  find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -423,19 +425,19 @@
    Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
    glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
    if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
-   light arrives only from above it; a ray that starts below it meets the surface itself, and finds the light that it
-   reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the lobe. In
-   mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per pixel. The
-   stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
+   light arrives only from above the surface. A ray that starts below it meets the surface, and finds the light that the
+   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the
+   lobe. In mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per
+   pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
 
    Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
    along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
    there, as if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send
    by way of mirrors (caustics) is therefore blurred, but has no specks. Sensors send a part of their rays to lamps
-   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 also
-   continues in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at which more
-   than a fifth of the light is reflected, and at other angles with a smaller chance. Every other surface reflects as
-   a diffuse surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also
+   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 may continue
+   in a direction of the lobe there, too, as if the roughness were at least 0.15. It always does so at angles at which
+   more than a fifth of the light is reflected, and with a smaller chance at other angles. All other surfaces reflect as
+   diffuse surfaces of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also
    opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
@@ -483,8 +485,8 @@
    is treated in the same way; in other modes, if it sees nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
-   side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
-   triangles of its own.
+   side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
+   this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
@@ -508,13 +510,14 @@
    if no mesh has lightmap_texcoords, it does not begin.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
-   spherical harmonics, see sbl_channel. These four alone would give
+   spherical harmonics, see sbl_channel. With these four alone, R for a normal m would be
 
        R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
 
-   whose error is 19 % of R on average, over high and low lamps, windows and skies, for normals m that lean up to 45
-   degrees. It is more accurate (7 %) to use them only for the change of R from the surface's own normal n. The change
-   follows a lobe whose sharpness the harmonics give (Hazel, Geomerics 2015). For each colour channel:
+   The error of this formula is 19 % of R on average, over high and low lamps, windows and skies, for normals m that
+   lean up to 45 degrees. It is more accurate (7 %) to use the harmonics only for the change of R from the surface's own
+   normal n. The change follows a lobe whose sharpness the harmonics give (Hazel, Geomerics 2015). For each colour
+   channel:
 
        v = 0.16286750 (SH_3, SH_1, SH_2)    r = min(|v| / (0.28209479 SH_0), 1)    a = (1 - r) / (1 + r)
        f(m) = a + 2 (1 - a) (1 + r) ((1 + dot(m, v) / |v|) / 2)^(1 + 2 r)          R(m) = FINAL f(m) / f(n)
@@ -691,8 +694,8 @@
    the same.
 
    sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
-   long as foreseen. What follows the store is foreseen poorly: in pictures of rooms made at random, progress was
-   off by 0.15 on average, and by up to 0.4.
+   long as foreseen. The time that the work takes after the store is full can only be guessed: in pictures of rooms made
+   at random, progress was wrong by 0.15 on average, and by up to 0.4.
 
 
    ON RESULTS AND MESSAGES
@@ -802,15 +805,16 @@
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
    same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays place
-   nearly the same sensors, with the same numbers of looks, as a complete picture with this mean and price; therefore
-   the light has about the same steps at their borders as it has there.
+   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays have
+   nearly the same sensors, with the same numbers of looks, as the complete picture with this mean and price. The joined
+   picture therefore hardly has larger steps of light at the borders of windows than the complete picture has at these
+   places.
 
    The joined picture is not to the bit that of one call. If options.rays is set and nothing is refined (tile = 1), both
    differ by rounding, which sends single rays past an edge (0.01 % of the mean in all). With a target error, the joined
    picture has other sensors in places, and differs by less than the target.
-   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as there in the picture of one call (in
-   three scenes).
+   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as the same pixels of the picture of one
+   call (in three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -831,20 +835,21 @@
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
-   In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
+   The pixel (x, y) in ON DETERMINISM is a pixel of the whole picture. In sbl_inspect_sensor and in channels, pixels are
+   those of the window.
 
    SBL_CHANNEL_WORK of the small picture tells how to divide the whole into windows that take about equally long. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
-   hierarchy of triangles, which is the same on all machines with the same driver. Looks at lobes count, too. In
+   hierarchy of triangles, which is the same on all machines with the same driver. It also counts looks at lobes. In
    lightmaps, it counts only looks.
 
    A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
-   supersample supplies the mean, the rays and the price; as pixels of the whole, the factor of the price counts the
-   places of `supersample`, width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE,
-   SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and
-   so on, of each window to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the
-   gutters and seams. If a single window shows the whole map, and has no mean and price set, the joined map is to the
-   bit the map that is baked at once.
+   supersample supplies the mean, the rays and the price. In the factor of the price, the number of pixels of the whole
+   is then width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if
+   the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and so on, of each window
+   to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If
+   a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
+   baked at once.
 
    Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
@@ -1112,7 +1117,7 @@ typedef struct sbl_material {
                               surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
     float ior;             /* index of refraction of what is not metal, 1 to 1e6: 1.5 for most plastics, paints and
-                              woods. 0: it has no reflections, so it is matte; 1.5 if metallic is above 0 */
+                              woods. 0: the surface is matte; if metallic is above 0, it is not, and 0 means 1.5 */
     float metallic;        /* share of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
@@ -1177,8 +1182,8 @@ typedef struct sbl_light {
 /* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
    neither an environment nor any sbl_light.
    The direction d is at u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi in the picture. x and z are the
-   world's axes if up is +y; otherwise they are turned with up along the shortest arc. (0, 0) is the picture's first
-   corner, so the upper edge of the picture is straight up everywhere. */
+   world's axes if up is +y; otherwise the shortest rotation that takes +y to up is applied to them, too.
+   (u, v) = (0, 0) is the upper left corner of the picture, and its whole upper edge lies in the direction up. */
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture must be 0, wrap is ignored. There is no environment if its pixels and
@@ -1400,8 +1405,8 @@ typedef struct sbl_picture_desc {
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS; without a
                                   tone, only sbl_stats.picture.exposure shows them. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
-                                  linear, 0 to 1, at the lower edge; it fades to 0.3 of it at the upper edge. It lights
-                                  nothing. Default: 0 */
+                                  linear, 0 to 1, at the lower edge; towards the upper edge, it fades to 0.3 of this
+                                  colour. It lights nothing. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1798,8 +1803,9 @@ extern "C" {
    GL function is missing, no headless GL), GL (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
-/* Frees a context and all its GL objects. Does nothing if context is NULL, or where others return STATE. The pointer
-   must not be used afterwards; set it to NULL, which every function refuses. */
+/* Frees a context and all its GL objects. Does nothing if context is NULL, or if the call is not allowed here: other
+   functions then return STATE. The pointer must not be used afterwards; set it to NULL, which every function
+   refuses. */
 SBL_API void sbl_destroy(sbl_context *context);
 
 /* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
@@ -1861,8 +1867,8 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_d
 SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied; NULL means all zeroes (for probes an error, because it places none). Its radiance is filled when the
-   work is done; its readings or probes are filled from the first to the last while the work goes on.
+   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
+   filled when the work is done; its readings or probes are filled from the first to the last while the work goes on.
    Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
    (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
@@ -5556,7 +5562,7 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels show, but is too rough for a perfect one. Textures count as 1. */
+/* Returns 1 if the material is a mirror that pixels show, but is too rough to be a perfect one. Textures count as 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
@@ -6966,11 +6972,11 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps: emitting triangles, lights, and light sources that are too bright for random rays, which
-   are texels of the environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two
-   trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with
-   the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the
-   order of the nodes, then the lights, then the glows.
+   Sensors send rays to lamps: emitting triangles, lights, and what is too bright for random rays: texels of the
+   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Directional lights and
+   texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of distant lamps,
+   hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps (lamps.glsl).
+   One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
@@ -7001,8 +7007,8 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
 /* A triangle that is lit so brightly that it is a lamp. It emits from the side from which its corners run
-   anticlockwise. radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of the
-   scene's triangle that contains it. leaf: index of the store's leaf that holds its light */
+   counter-clockwise. radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of
+   the scene's triangle that contains it. leaf: index of the store's leaf that holds its light */
 #define SBL__GLOW(X) \
     X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
     X(sbl__glow, VEC3, corner_1) X(sbl__glow, UINT, leaf) \
@@ -10263,8 +10269,9 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_LOBE, SBL__GBUFFER_COUNT };
 
-/* Sets of textures of a G-buffer, as bits. ALL: the set that refinement reads; SAMPLE and TEXEL: the sets that later
-   work reads. A picture with materials that are not matte also has the textures LOBES. */
+/* Sets of textures of a G-buffer, as bits. SBL__GBUFFER_ALL is the set that refinement reads; ..._SAMPLE and ..._TEXEL
+   are the sets that later work reads. A picture with materials that are not matte also has the textures
+   SBL__GBUFFER_LOBES. */
 #define SBL__GBUFFER_LOBES (1 << SBL__GBUFFER_SPECULAR | 1 << SBL__GBUFFER_LOBE)
 #define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_SPECULAR) - 1)
 #define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* textures that >>resolve
@@ -14297,7 +14304,7 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     memset(j, 0, sizeof *j);
 }
 
-/* >>job: how sensors see */
+/* >>job: the spec of a job */
 
 /* Derives the spec of a job from the host's options, with defaults and back end filled in. Except in the paper's mode,
    sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
