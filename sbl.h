@@ -257,11 +257,11 @@
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    The number of rays of a look follows from the target: 16 for targets of 6 % or more, 32 down to 1.5 %, 64 down to
-   0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks are
-   too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays the
-   same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in lightmaps.
-   The limit bounds the time where light comes through windows, and there the picture may miss the target. If you set
-   target_error yourself, even to its default, the limit is 512 looks instead of 32.
+   0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks
+   are too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays
+   the same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in
+   lightmaps. The limit bounds the time where light comes through windows, and there the picture may miss the target. If
+   you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -2108,7 +2108,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
-   tile                                                 a rectangle of pixels with a sensor at each corner
+   spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
    uncertainty                                          a standard error; its square is a variance
    probe        sbl__probe        >>probes              light at a point in the air, for things that move
    front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
@@ -5573,8 +5573,8 @@ static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
 
-/* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance:
-   (largest component of emission) * (largest component of the texture). Returns the features that programs need. */
+/* Copies a material into its mesh's object. Raises *brightest to an upper limit of the emitted radiance: (largest
+   component of emission) * (largest component of the texture). Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const float ior = m->ior > 0 ? m->ior : 1.5f;
     unsigned features = 0;
@@ -5643,17 +5643,17 @@ static void sbl__reflect(const sbl__object *o, const float light[3], float radia
 }
 
 /* Packs an albedo of 0 .. 1 per channel into 16 bits each. */
-static void sbl__albedo_pack(const float share[3], uint16_t out[3]) {
+static void sbl__albedo_pack(const float albedo[3], uint16_t out[3]) {
     int k;
-    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__ALBEDO_ONE * share[k] + 0.5f);
+    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__ALBEDO_ONE * albedo[k] + 0.5f);
 }
 
-/* Adds SBL__ALBEDO_ONE * (radiance that a surface reflects) to sum. share: albedo of the surface, packed by
-   sbl__albedo_pack. light: R at the surface */
-static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
-    sum[0] += (float)share[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
-    sum[1] += (float)share[1] * light[1];
-    sum[2] += (float)share[2] * light[2];
+/* Adds SBL__ALBEDO_ONE * (radiance that a surface reflects) to sum. albedo: of the surface, packed by sbl__albedo_pack.
+   light: R at the surface */
+static void sbl__add_reflected(const uint16_t albedo[3], const float light[3], float sum[3]) {
+    sum[0] += (float)albedo[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
+    sum[1] += (float)albedo[1] * light[1];
+    sum[2] += (float)albedo[2] * light[2];
 }
 
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
@@ -6685,7 +6685,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Uploads a piece of the records of triangles, in the order of the leaves. */
+/* Writes records for the next triangles, in the order of the leaves, and uploads them. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     const sbl__geometry *g = b->geometry;
@@ -7300,7 +7300,7 @@ static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
     return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
 }
 
-/* Returns 1 if each corner of a triangle is a corner of another triangle. */
+/* Returns 1 if each corner of triangle `one` is at the position of a corner of triangle `other`. */
 static int sbl__corners_within(const sbl__geometry *g, uint32_t one, uint32_t other) {
     int i, k, found = 0;
     for (i = 0; i < 3; i++)
@@ -7316,9 +7316,9 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
     return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
 }
 
-/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
-   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings
-   often stand for a surface with two sides. */
+/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
+   triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
+   stand for a surface with two sides. */
 static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__lamp *lamp = &l->list[at], *other;
@@ -7345,7 +7345,7 @@ static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Removes the lamps whose power is 0. */
+/* Removes the lamps whose power is 0, see sbl__lamps_drop_copy. */
 static int sbl__lamps_compact(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int i, kept = 0;
@@ -9175,7 +9175,8 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
-/* How a front end's sensors measure, as the host requests it */
+/* The measurement that the host requests: how a front end's sensors measure. sbl__spec_make derives a job's spec from
+   it */
 typedef struct sbl__measurement {
     sbl_options options;       /* with defaults; negative epsilons are set to 0. sbl__begin replaces SBL_BACKEND_AUTO */
     sbl_sensor_kind sensor_kind;
@@ -11174,7 +11175,7 @@ typedef struct sbl__site {
 /* Number of textures for the layers of `groups` light groups: 3 floats per layer, packed into texels of 4 floats. */
 #define SBL__LAYER_TEXTURES(groups) ((3 * (groups) + 3) / 4)
 
-/* How all sensors of a job measure light */
+/* The spec of a job: how all of its sensors measure light */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: views are not rotated, weights follow equation 4,
@@ -14218,7 +14219,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
                                       sbl__spec.size; its square is added to a look's variance; measured in a box with a
                                       lamp */
 
-/* The work of a job. The caller must keep the arrays until the job is done. */
+/* What a job measures. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
     const sbl__site *sites;
@@ -14306,8 +14307,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: the spec of a job */
 
-/* Derives the spec of a job from the host's options, with defaults and back end filled in. Except in the paper's mode,
-   sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
+/* Derives the spec of a job from the measurement that the host requests, with defaults and back end filled in. Except
+   in the paper's mode, sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -15046,7 +15047,18 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
    object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
-   a flat surface cuts all cells along its contact line. */
+   a flat surface cuts all cells along its contact line.
+
+   The stages, which are the rows of sbl__bounce_stages; braces mark what is repeated until nothing is new:
+
+       cells and points   PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
+       light of lamps     RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT
+       all bounces        { GATHER }
+       division           SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
+       light groups       LAYERS -> { LAYERS_GATHER }
+       glows              SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
+       uncertainty        NOISE -> { PROPAGATE } -> UNCERTAINTY -> LAYERS_SCALE
+       the end            LAMPS -> SEND -> AIR */
 
 /* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
@@ -15258,8 +15270,8 @@ typedef struct sbl__bounce {
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
     sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
                                         state */
-    float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
-                                        (see sbl__bounce_sum_found); from the stage NOISE on, the leaf's noise */
+    float *direct;                   /* 3 floats per leaf: direct light; in the stages SUM_FOUND and CHOOSE, sums over
+                                        rays (see sbl__bounce_sum_found); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
@@ -15864,14 +15876,16 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
-/* Marks all leaves as not cut, because all hits have been placed since the last cut. */
+/* Forgets which leaves have been cut (sets `cut` of all leaves to 0), because all hits have been placed since the last
+   cut. */
 static void sbl__bounce_forget_cuts(sbl__bounce *b) {
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
 }
 
-/* Returns the stage after PLACE: GRID if cells must grow; rays from new leaves and points until none are new; points at
-   surface samples; finally the stage that sbl__bounce_after_attempt returns or, after a division, RELOCATE. */
+/* Returns the stage after PLACE. GRID: cells must grow. CAST_CONTACTS, CAST_POINTS: leaves or points are new. PLACE:
+   hits must be placed again, or the surface samples come next. In the end, the stage that sbl__bounce_after_attempt
+   returns or, after a division, RELOCATE. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
@@ -16448,7 +16462,7 @@ static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
 
 static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
 
-/* Writes the reads of a leaf behind the reads of the leaf before it. */
+/* Writes the reads of a leaf (see sbl__bounce_read). They follow those of the leaf before it. */
 static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
     sbl__bounce_leaf *state = &b->states[leaf];
     int i, end = sbl__first_read(b, leaf);
@@ -18502,8 +18516,9 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Returns the absolute squared difference between R at a pixel and R interpolated from a tile's corners, in luminance;
-   0 if lobes are narrow or no corner fits. Light in wide lobes changes in about the same areas as R. */
+/* In a refinement of lobes, foresees the error of interpolation at a pixel, because light in wide lobes changes in
+   about the same areas as R: returns the squared difference, in absolute luminance, between R at the pixel and R
+   interpolated from a tile's corners. Returns 0 if lobes are narrow or no corner fits. */
 static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
@@ -18774,7 +18789,7 @@ static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
-/* Makes a texel hidden because its places are dark: they are inside a solid, too. */
+/* Makes a texel hidden because its places are dark, which means that they are inside a solid, too. */
 static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     s->invalid = 1;
@@ -18800,9 +18815,9 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel if its light may be shown. Refuses pixels with invalid readings, hidden
-   texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their light
-   would show beyond the edge of the object that hides the hidden texels. */
+/* Decides from the first reading of a pixel if its light may be shown. Refuses (see sbl__refine_refuse) pixels with
+   invalid readings, hidden texels, and touched texels beside hidden texels of the same surface, even if they were
+   accepted before: their light would show beyond the edge of the object that hides the other texels. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     const sbl__pixel *p = &r->pixels[index];
     sbl__sensor *s = sbl__sensor_of(r, p);
@@ -19634,7 +19649,8 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
 }
 
 /* Frees the data that only refinement needs. Keeps the job's resources if sensors rasterise views, because the weights
-   of views take long to compute. Filling in remains possible; inspection sends the guides again. */
+   of views take long to compute. sbl__fill_step can still be called; an inspection sends the guides to the GPU
+   again. */
 static sbl_result sbl__refine_end(sbl__refine *r) {
     sbl__refine_free_sites(r);
     sbl__free(&r->core->base, r->searched);
@@ -19691,8 +19707,9 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
     return SBL_SUCCESS;
 }
 
-/* Makes the refinement predict errors of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular:
-   the albedos with which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
+/* Sets the albedos of a pixel. If it is called, it must be called for each pixel, before sbl__refine_put; the
+   refinement then predicts errors of FINAL. albedo, specular: the albedos with which the pixel shows R and the light in
+   its lobe; albedo is NULL if the pixel shows no surface */
 static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
@@ -20976,7 +20993,8 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes all changes of the glimpse, except its preview, which the host reads, and the seconds spent. */
+/* Undoes all changes that the glimpse has made, except its preview, which the host reads, and the time in the
+   statistics. */
 static void sbl__map_end_glimpse(sbl__map *m) {
     sbl__core *c = m->work.core;
     m->glimpse = SBL__GLIMPSE_SHOWN;
@@ -21556,7 +21574,7 @@ static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float
     return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
 }
 
-/* Gives a pixel to the refinement. */
+/* Passes a pixel to the refinement of reflections. */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index,
                                        const float *const from[SBL__READS]) {
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
@@ -21746,7 +21764,7 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 
-/* Gives a composition to the host as FINAL and DISPLAY. */
+/* Lets the host read a composition as FINAL and DISPLAY. */
 static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_FINAL] = &s->target;
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
@@ -22270,7 +22288,7 @@ static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
-/* Publishes the finished layers as output channels and frees their copies on the CPU. Returns the stage DONE. */
+/* Lets the host read the finished layers as channels, and frees their copies on the CPU. Returns the stage DONE. */
 static int sbl__lightmap_finish(sbl__lightmap *l) {
     sbl__map *m = &l->map;
     const int first = m->spec.groups ? SBL_CHANNEL_GROUP_0 : SBL_CHANNEL_SH_0;
@@ -22452,7 +22470,7 @@ static sbl_result sbl__joining_check_row(const sbl__joining *j, const char *name
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Checks a row of texels in all arrays of the host. */
+/* Checks that a row of texels is finite in all arrays of the host. */
 static sbl_result sbl__joining_check_texels(void *work, int row) {
     const sbl__joining *j = (const sbl__joining *)work;
     const int grouped = sbl__joining_groups(j) > 0;
@@ -23900,7 +23918,7 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Traces the rays over the hemisphere again and reads each. The sheet is one row with one texel per ray. */
+/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
@@ -24006,7 +24024,8 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again to read each. */
+/* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again, and reads each
+   ray. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
