@@ -4590,8 +4590,8 @@ typedef struct sbl__geometry {
                                       positions of the implementation are relative to it, unless a comment says that
                                       they are the host's */
     float bounds[2][3];            /* lowest and highest coordinates of all triangles and of draw_bounds */
-    double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
-    float extent;                  /* across + away, in world units; 1 if this is 0. The offsets of sensors from
+    double diagonal, farthest;     /* diagonal of the bounds, and their largest absolute coordinate, in world units */
+    float extent;                  /* diagonal + farthest, in world units; 1 if this is 0. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
                                       and distances in the view texture are multiples of it */
     float hosts_extent;            /* extent for positions that the host gives, which are relative to 0 0 0 */
@@ -4874,7 +4874,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     double hosts_away = 0;
     int i, k;
-    g->across = g->away = 0;
+    g->diagonal = g->farthest = 0;
     for (k = 0; k < 3; k++) {
         g->bounds[0][k] = drawn ? drawn[0][k] : FLT_MAX;
         g->bounds[1][k] = drawn ? drawn[1][k] : -FLT_MAX;
@@ -4889,19 +4889,19 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     if (!drawn && !g->triangle_count) memset(g->bounds, 0, sizeof g->bounds);
     for (k = 0; k < 3; k++) {
         const double low = g->bounds[0][k], high = g->bounds[1][k];
-        g->across += (high - low) * (high - low);
-        g->away = SBL__MAX(g->away, SBL__MAX(fabs(low), fabs(high)));
+        g->diagonal += (high - low) * (high - low);
+        g->farthest = SBL__MAX(g->farthest, SBL__MAX(fabs(low), fabs(high)));
         hosts_away = SBL__MAX(hosts_away, SBL__MAX(fabs(low + g->centre[k]), fabs(high + g->centre[k])));
     }
-    g->across = sqrt(g->across);
-    g->extent = (float)(g->across + g->away);
-    g->hosts_extent = (float)(g->across + hosts_away);
+    g->diagonal = sqrt(g->diagonal);
+    g->extent = (float)(g->diagonal + g->farthest);
+    g->hosts_extent = (float)(g->diagonal + hosts_away);
     if (!(g->extent > 0)) g->extent = 1;
     if (!(g->hosts_extent > 0)) g->hosts_extent = 1;
 }
 
 /* Positions of a scene farther from 0 0 0 than this * its diagonal are stored relative to its middle. */
-#define SBL__CENTRE_AWAY 16.0
+#define SBL__CENTRE_FARTHEST 16.0
 
 /* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
    floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
@@ -4910,7 +4910,7 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
    origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     int i, k;
-    if (g->away <= SBL__CENTRE_AWAY * g->across) return 0;
+    if (g->farthest <= SBL__CENTRE_FARTHEST * g->diagonal) return 0;
     for (k = 0; k < 3; k++)
         g->centre[k] = (float)(g->centre[k] + 0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
     for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
@@ -8316,9 +8316,9 @@ typedef struct sbl__scene {
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
    units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
    warning beyond them. */
-#define SBL__ACROSS_LEAST 5e-10
-#define SBL__ACROSS_MOST 6e9
-#define SBL__AWAY_MOST 4e3
+#define SBL__DIAGONAL_LEAST 5e-10
+#define SBL__DIAGONAL_MOST 6e9
+#define SBL__FARTHEST_MOST 4e3
 #define SBL__LIGHT_LEAST 1e-9  /* variances, which are squares of light, vanish below */
 #define SBL__LIGHT_MOST 1e17   /* variances overflow above */
 
@@ -8397,15 +8397,15 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
 /* Logs warnings about scenes whose size or place makes light inexact. Returns 1 if there are none. quiet: 1: logs
    nothing */
 static int sbl__scene_warn_size(const sbl__base *base, const sbl__geometry *g, int quiet) {
-    const double away = g->hosts_extent - g->across;
-    const int sized = g->across >= SBL__ACROSS_LEAST && g->across <= SBL__ACROSS_MOST;
-    const int placed = away <= SBL__AWAY_MOST * g->across;
+    const double away = g->hosts_extent - g->diagonal;
+    const int sized = g->diagonal >= SBL__DIAGONAL_LEAST && g->diagonal <= SBL__DIAGONAL_MOST;
+    const int placed = away <= SBL__FARTHEST_MOST * g->diagonal;
     if (!sized && !quiet)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
-                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+                 "%g to %g: scale the scene", g->diagonal, SBL__DIAGONAL_LEAST, SBL__DIAGONAL_MOST);
     if (!placed && !quiet)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", g->across, away);
+                 "origin, where floats are too coarse; move it to the origin", g->diagonal, away);
     return sized && placed;
 }
 
@@ -22984,7 +22984,7 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->across;
+    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
