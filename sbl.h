@@ -242,12 +242,12 @@
        sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
-   auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
-   surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black pixels, and
-   the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the brightest 5 % of
-   FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops. The result is in
-   sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel. sbl_picture_desc.backdrop
-   puts a gradient behind objects that would otherwise be in front of a black sky.
+   auto_exposure depends on the light that arrives at surfaces, as with a light meter that is held into the scene, and
+   not on how bright the surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to
+   0.71. Black pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean
+   of the brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5
+   stops. The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
+   sbl_picture_desc.backdrop puts a gradient behind objects that would otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -391,8 +391,8 @@
    lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
    the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
    the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error
-   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where
-   SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the measurement of R.
+   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
                   form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
@@ -427,8 +427,8 @@
    if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
    light arrives only from above the surface. A ray that starts below it meets the surface, and finds the light that the
    surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the
-   lobe. In mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per
-   pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
+   lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer together, down to
+   one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the texture.
 
    Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
    along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
@@ -471,18 +471,18 @@
        if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);  // light: 1024 * 1024 * 3 floats
 
-   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
-   for lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
+   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error also apply
+   to lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
-   continued into this space, half of it from either chart.
+   continued into this space, from each chart into the nearer half.
 
-   A texel shows the light of that part of its surface that can be seen. If something lies on the texel's centre, or if
-   the centre stands in a narrow gap, rays search the texel for places from which light can leave, and the texel shows
-   the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
-   light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
-   that sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and
-   is treated in the same way; in other modes, if it sees nothing but back faces.
+   A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
+   the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
+   median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
+   of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
+   sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
+   treated in the same way; in other modes, if it sees nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
@@ -602,8 +602,8 @@
    `move` from the given position. The nearest back face is tried first. The probe stays at the first valid position, or
    where it was if there is none.
 
-   Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
-   sky is visible, 0 means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. They do not include the sky; where
+   nothing but sky is visible, they are 0, which means infinitely far.
 
    Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
    for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
@@ -620,7 +620,7 @@
        lights[0].light_group = 1;         // a light
        materials[3].light_group = 1;      // the emission of all surfaces with this material
 
-   Each bake decides whether it measures them. One bake makes all groups, with all bounces, from the same rays:
+   The descriptor of a bake requests the groups. One bake makes all groups, with all bounces, from the same rays:
 
        lightmaps  sbl_lightmap_desc.grouped = 1 makes the channels SBL_CHANNEL_GROUP_0 and so on, with gutters and sewn
                   seams. They are the parts of FINAL
@@ -634,8 +634,8 @@
    group that is dark beside others can be slightly negative, because noise of the others shows in it.
 
    Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
-   is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
-   group that is made ten times as bright beside the others shows ten times its error.
+   is a share of the whole light, not of the group's own. In the light of all groups together, this error cannot be
+   seen. A group that is made ten times as bright beside the others shows ten times its error.
 
    Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
    group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
@@ -686,12 +686,12 @@
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
    Ask for a channel from the first step on: the answer is SBL_UNFINISHED while there is nothing to read, and sbl_step
    then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes later,
-   this request itself makes such a preview.
+   the call that makes it also makes such a preview.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
-   one with all bounces as soon as the store is full. Hosts that do not ask pay nothing for it; finished pictures are
-   the same.
+   one with all bounces as soon as the store is full. This costs nothing for hosts that do not ask, and does not change
+   finished pictures.
 
    sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
    long as foreseen. The time that the work takes after the store is full can only be guessed: in pictures of rooms made
@@ -803,7 +803,7 @@
 
    A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
-   same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
+   same GL driver, no matter which windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
    margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays have
    nearly the same sensors, with the same numbers of looks, as the complete picture with this mean and price. The joined
@@ -826,19 +826,19 @@
        price      multiply sbl_stats.picture.price of the small picture by (pixels of the whole / pixels of the small
                   picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
                   then has about the target error. Single windows may have more or less, just as regions of a picture
-                  that is made at once do. Without a price, every window reaches the target error by itself, which
-                  takes up to twice as long in total. In scenes with reflections, do the same with mean_final and
+                  that is made at once do. Without a price, every window reaches the target error by itself, which takes
+                  up to twice as long in total. In scenes with reflections, do the same with mean_final and
                   specular_price of the small picture, because errors there are shares of the mean of FINAL
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
-                  as those of the small picture, whose price and WORK no longer hold for it
+                  as those of the small picture, so that the price and WORK of the small picture are wrong for it
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
    The pixel (x, y) in ON DETERMINISM is a pixel of the whole picture. In sbl_inspect_sensor and in channels, pixels are
    those of the window.
 
-   SBL_CHANNEL_WORK of the small picture tells how to divide the whole into windows that take about equally long. With
+   SBL_CHANNEL_WORK of the small picture shows how to divide the whole into windows that take about equally long. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
    hierarchy of triangles, which is the same on all machines with the same driver. It also counts looks at lobes. In
    lightmaps, it counts only looks.
@@ -869,10 +869,10 @@
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
-   its position, `rays` and the seed, and not on other probes: not on their number, and not on which are baked at the
-   same time. The light of a mesh's vertices depends on the mesh's index in the scene, and not on which other meshes are
-   baked.
+   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends only on its
+   number, its position, `rays` and the seed. It does not depend on how many other probes there are, or which of them
+   are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene, but not on which
+   other meshes are baked.
 
 
    ON THE PAPER
@@ -1820,10 +1820,10 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then stay as narrow as the
-   former light needed them; after large changes, sbl_set_scene gives more exact light. Other changes discard the store.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
-   sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
+   which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
+   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold:
+   use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -1832,13 +1832,13 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
    max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
    warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
    another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
-   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or something else, so that a host can refuse to overwrite a
-   file that it did not write. Loading drops work under way, even if it fails.
-   put, get: called for some bytes at a time; they return the number of bytes written or read, and any other number than
-   asked for is an error. user: passed to them. The format has a version and a checksum.
-   Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
-   scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables),
-   OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that it had. */
+   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
+   file that it did not write. Loading drops work under way, even if it fails. put, get: called for some bytes at a
+   time; they return the number of bytes written or read; a number other than `bytes` is an error. user: passed to them.
+   The format has a version and a checksum. Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are
+   damaged, or of another version, byte order or scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED
+   (load: larger than the driver's tables), OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that
+   it had. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
@@ -1856,7 +1856,7 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a lightmap, which replaces a picture: what is said of pictures, from sbl_step on, is true for it.
+/* Starts a lightmap, which takes the place of a picture: the functions below, from sbl_step on, treat it as a picture.
    desc: NULL means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has
    lightmap_texcoords), and OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
@@ -1896,7 +1896,7 @@ SBL_API int sbl_channel_components(sbl_channel channel);
 /* Copies a channel of the picture or lightmap. If it is under way, the best so far is copied.
    out: receives width * height * components floats, top row first. float_count: number of floats that out has room for.
    Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to read before the first level is done),
-   OUT_OF_MEMORY, GL. INVALID_ARGUMENT, STATE and UNFINISHED leave out as it was. */
+   OUT_OF_MEMORY, GL. After INVALID_ARGUMENT, STATE or UNFINISHED, `out` is unchanged. */
 SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t float_count);
 
 /* Returns the GL texture of a channel, or 0 if there is no picture, nothing to read yet, or an error. It is a
@@ -1905,13 +1905,13 @@ SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, f
    sbl_begin_lightmap or sbl_end, and while the picture is under way only until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
-/* Shows how the light of pixel (x, y) of the finished picture came about, by measuring it again.
-   sensor: receives the sums, views, rays and lamps. radiance: NULL, or receives 4 floats per texel of the sheet, first
-   row first: rgb is the radiance, a is the distance to the surface seen, negative for back faces, 0 if there is none.
-   weights: NULL, or receives 1 float per texel; their sum is sensor->weight_sum. texel_count: number of texels that
-   both arrays have room for. Call with NULL arrays first to learn sheet_width and sheet_height.
-   Results: INVALID_ARGUMENT (outside the picture, no surface there, not enough room), STATE (no finished picture, or
-   its scene has changed), OUT_OF_MEMORY, GL. On failure sensor stays as it was. */
+/* Shows how the light of pixel (x, y) of the finished picture was measured, by measuring it again. sensor: receives the
+   sums, views, rays and lamps. radiance: NULL, or receives 4 floats per texel of the sheet, first row first: rgb is the
+   radiance, a is the distance to the surface seen, negative for back faces, 0 if there is none. weights: NULL, or
+   receives 1 float per texel; their sum is sensor->weight_sum. texel_count: number of texels that both arrays have room
+   for. Call with NULL arrays first to learn sheet_width and sheet_height. Results: INVALID_ARGUMENT (outside the
+   picture, no surface there, not enough room), STATE (no finished picture, or its scene has changed), OUT_OF_MEMORY,
+   GL. On failure sensor stays as it was. */
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance,
                                       float *weights, size_t texel_count);
 
@@ -3094,7 +3094,7 @@ typedef struct sbl__record {
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
-#define SBL__GLOSS_MET 0.5f            /* rays find rougher gloss diffuse */
+#define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
@@ -3124,7 +3124,7 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
-    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
+    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
     X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
     X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
@@ -5257,7 +5257,8 @@ typedef struct sbl__solver {
     double identity;            /* factor of the identity matrix */
     double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
     double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
-                                   when the equations change. Later solutions may be as inaccurate as the first */
+                                   when the equations change. Later solutions thus need the same absolute precision as
+                                   the first, even if they change less */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
                                    stays 0 */
@@ -5546,7 +5547,7 @@ static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || 
 
 /* Returns the roughness of the lobe in which rays that hit the surface continue, see reflect.glsl; -1: the surface is
    matte. Textures are ignored. reflectance: receives the reflectance of the lobe along the normal */
-static float sbl__met_roughness(const sbl__object *o, float reflectance[3]) {
+static float sbl__hit_roughness(const sbl__object *o, float reflectance[3]) {
     int k;
     if (!sbl__is_specular(o)) return -1;
     for (k = 0; k < 3; k++)
@@ -5625,7 +5626,7 @@ static int sbl__emits(const sbl__object *o, int back) {
 
 /* Returns 1 if all channels of an object's albedo exceed SBL__BOUNCE_ALBEDO, to which >>bounce limits them. Returns 0
    for objects with an albedo texture. Ignores vertex colours. */
-static int sbl__holds_light(const sbl__object *o) {
+static int sbl__albedo_is_limited(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
@@ -5910,10 +5911,10 @@ static const char *const sbl__glsl_material[] = {
 "    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;\n",
 "}\n",
 "\n",
-"// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue\n",
+"// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue\n",
 "// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
-"bool sbl_is_met_as_gloss(sbl_Material m) {\n",
-"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);\n",
+"bool sbl_hit_as_gloss(sbl_Material m) {\n",
+"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);\n",
 "}\n",
 "\n",
 "// Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light\n",
@@ -5988,7 +5989,7 @@ static const char *const sbl__glsl_material[] = {
 "// that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
-"    if (sbl_is_met_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
+"    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
 "#endif\n",
 "    return m.albedo;\n",
 "}\n",
@@ -6348,7 +6349,7 @@ typedef struct sbl__bvh_split {
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
-typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
+typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__bvh_node_cost;
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
@@ -6359,7 +6360,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     struct sbl__hierarchy *hierarchy;
     uint32_t (*children)[4];     /* elements 2 * n and 2 * n + 1: the children of node n, as in sbl__node */
     sbl__box *boxes;             /* bounds of each triangle */
-    sbl__bvh_work *work;         /* cost of each node */
+    sbl__bvh_node_cost *costs;   /* cost of each node */
     sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; at first, one task for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
@@ -6371,8 +6372,8 @@ typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_work: about the number of nodes and
-                                    triangles that a ray tests */
+    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_node_cost: about the number of nodes
+                                    and triangles that a ray tests */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
@@ -6383,7 +6384,7 @@ static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
     sbl__free(d->base, b->boxes);
-    sbl__free(d->base, b->work);
+    sbl__free(d->base, b->costs);
     sbl__free(d->base, b);
 }
 
@@ -6586,13 +6587,13 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
         for (i = 0; i < t->count; i++)
             sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
-    b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->child / 2;
+    b->costs[node].area = sbl__box_area(&t->bounds.box);
+    b->costs[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
         sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
-        b->work[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        b->costs[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -6624,9 +6625,9 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     sbl__free(d->base, h->order);
     h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
-    b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
+    b->costs = (sbl__bvh_node_cost *)sbl__alloc(d->base, nodes, sizeof *b->costs);
     b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
-    return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
@@ -6663,8 +6664,8 @@ static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarc
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
-    const sbl__bvh_work *node = &b->work[h->node_count - 1 - at];
-    b->work[node->parent].sum += node->sum;
+    const sbl__bvh_node_cost *node = &b->costs[h->node_count - 1 - at];
+    b->costs[node->parent].sum += node->sum;
     if (node->area > 0) h->cost = SBL__MAX(h->cost, node->sum / node->area);
     return SBL_SUCCESS;
 }
@@ -7562,10 +7563,10 @@ static int sbl__planes_candidates(void *work) {
    ignored. */
 static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__plane *plane) {
     const float *corner = sbl__triangle_corner(g, number, 0);
-    const float roughness = sbl__met_roughness(sbl__triangle_object(g, number), plane->reflectance);
+    const float roughness = sbl__hit_roughness(sbl__triangle_object(g, number), plane->reflectance);
     double area;
     int k;
-    if (roughness < 0 || roughness >= SBL__GLOSS_MET) return 0;
+    if (roughness < 0 || roughness >= SBL__GLOSS_ROUGH) return 0;
     plane->alpha = roughness * roughness;
     area = sbl__scene_normal(g, number, plane->normal);
     plane->offset = 0;
@@ -7786,8 +7787,9 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). At first,
-   cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. Rays that
-   are shorter than half a cell have cells of their own. Leaves in which the light varies are divided by further cuts.
+   all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A ray
+   that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves in
+   which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -7928,8 +7930,9 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_bucket, but descends through cuts. Returns a pointer to the leaf reference at the position (1 + leaf
-   index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is added. */
+/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the leaf reference at the position (1 +
+   leaf index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is
+   added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -8297,7 +8300,8 @@ typedef struct sbl__scene {
     sbl__lights lights;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* the store's glows and, unless only_glows, the lamps of `lights`; or empty */
+    sbl__lights bright;         /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
+                                   `lights`; empty if there are no glows */
     struct sbl__glowing *glowing;  /* data for finding the glows; NULL: not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
@@ -8468,7 +8472,8 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* Returns the lamps that sensors measure. glows: 1: s->bright if it is ready and has glows; otherwise s->lights */
+/* Returns the lamps that sensors measure: s->bright if `glows` is 1 and s->bright is ready and has glows, otherwise
+   s->lights. */
 static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
     return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
 }
@@ -11461,11 +11466,11 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 }
 
 /* ======================================================================================================== >>guide
-   Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
-   example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy, >>refine traces
-   scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again. A guide is a
-   histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours found. Its
-   bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
+   Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
+   a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
+   >>refine traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
+   A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
+   found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
    distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
    the guide raised the probability of its bin. The expected value stays the same, and the noise falls (scene
    living-room: to a fifth of the variance).
@@ -12393,7 +12398,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
 "const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const float SBL_PASS_ENTRIES = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
 "const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,\n",
@@ -12468,8 +12473,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                             // lights are stored backwards from the array's end\n",
 "float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i\n",
 "int used, certain;           // number of entries at the array's start; number of point lights at its end\n",
-"float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
-"float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries\n",
+"float total, strengths2;     // sums of the strengths of the `used` entries, and of their squares\n",
+"float lamp_strengths2;       // estimate of strengths2 if all lamps of clusters were entries\n",
 "mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that\n",
 "                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
 "                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
@@ -12562,8 +12567,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        else if (point) entries[SBL_LAMPS - ++certain] = leaf;\n",
 "        else {\n",
 "            total += strength;\n",
-"            crowd += strength * strength;\n",
-"            crowd_within += strength * strength / float(lamps);\n",
+"            strengths2 += strength * strength;\n",
+"            lamp_strengths2 += strength * strength / float(lamps);\n",
 "            strengths[used] = total;\n",
 "            entries[used++] = single ? leaf : -1 - i;\n",
 "        }\n",
@@ -12577,7 +12582,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    bool full = true;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
-"        total = crowd = crowd_within = 0.0;\n",
+"        total = strengths2 = lamp_strengths2 = 0.0;\n",
 "        whole = mat2x3(0);\n",
 "        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
 "#ifdef SBL_GROUPS\n",
@@ -12718,7 +12723,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Returns the variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has\n",
 "// smaller strata. The variable `lamps` is the effective number of lamps, including those in clusters.\n",
 "float sbl_strata(float n) {\n",
-"    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
+"    float lamps = total * total / max(lamp_strengths2, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
@@ -12811,8 +12816,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided\n",
 "// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
 "int sbl_pass_count() {\n",
-"    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
-"    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
+"    float passes_most = SBL_PASS_ENTRIES * strengths2 / max(total * total, 1e-37);\n",
+"    int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;\n",
 "    while (2 * power <= passes) power *= 2;\n",
 "    return power;\n",
 "}\n",
@@ -13605,7 +13610,7 @@ static const char *const sbl__glsl_reflect[] = {
 "// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
 "    hit_shines = sbl_shines(m, m.reflectance);\n",
-"    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {\n",
+"    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
 "        vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;\n",
 "        vec3 across = cross(side_1, side_2);\n",
@@ -13711,7 +13716,7 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_LOBE\n",
 "        float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);\n",
 "#else\n",
-"        float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
+"        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
 "#endif\n",
 "        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
 "        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);\n",
@@ -14628,9 +14633,9 @@ static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
-/* Draws a batch of `room` looks (at least one; traced: whole lots), or fewer if spec.batch, the slots or the round
-   allow no more. If `room` is less than the batch of views, draws only a part of the scene's triangles to them, and the
-   next call continues this batch. units: receives the work done, in looks */
+/* Draws a batch of `room` looks, but at least one (if rays are traced: whole lots), and at most as many as spec.batch,
+   the slots and the round allow. If views are drawn and `room` is less than the batch, draws only a part of the scene's
+   triangles, and the next call continues with the same batch. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -14770,7 +14775,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* Reduces drawn looks to their results, for as many rows of slots as the slice allows. */
+/* Adds up the views or rays of drawn looks to one result per look, for as many rows of slots as the slice allows. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -14914,9 +14919,9 @@ static int sbl__job_lost(sbl__job *j) {
     return 0;
 }
 
-/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete, begins the job
-   again if looks were lost; otherwise starts the stuck tests if this was the sites' round and some sites are
-   suspects. */
+/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete: begins the job
+   again if looks were lost; otherwise, after the round of the sites' looks, starts the round of stuck tests if there
+   are suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -14982,7 +14987,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Returns the fraction of the job that is done, 0 to 1. The few stuck tests are not counted. */
+/* Returns the fraction of the job that is done, 0 to 1. Stuck tests do not count, because they are few. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
@@ -15835,9 +15840,10 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
 }
 
 /* Called when an attempt leaves much of the store free. Returns the factor, below 1, of the cells' area for the next
-   attempt. Returns 1 if cells have their smallest size, if rays hit no leaf or too few per leaf, or if smaller cells
-   did not double the number of leaves that rays hit. The last does not count if many rays are shorter than half a cell:
-   surfaces that see each other may be smaller than cells, so that new leaves come only after several attempts. */
+   attempt. Returns 1 (no further attempt) if cells have their smallest size, if rays hit no leaf or too few per leaf,
+   or if smaller cells did not double the number of leaves that rays hit. This last condition is ignored if many rays
+   are shorter than half a cell: surfaces that see each other may be smaller than cells, so that new leaves appear only
+   after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
@@ -15857,8 +15863,8 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
-/* Returns the next stage after an attempt with one size of cells: another attempt, or the end of the search. If black
-   surfaces take most leaves, they are left out of the search, and join in the last attempt. */
+/* Returns the stage that follows an attempt with one size of cells: GRID for another attempt, or RELOCATE if the size
+   is found. If black surfaces take most leaves, they get none in the following attempts, and join in the last one. */
 static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
     const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
@@ -16557,7 +16563,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
 static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
     int i, white = 0;
-    for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
+    for (i = 0; i < g->mesh_count; i++) white += sbl__albedo_is_limited(&g->objects[i]);
     if (!white || !(all > SBL__BOUNCE_BRIGHT * direct) || b->store->warned) return;
     sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g in a scene with "
              "much bounced light; bounced light uses %g instead, because closed rooms with such walls would never grow "
@@ -17041,7 +17047,7 @@ static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
 }
 
-/* Marks a leaf as bright by a negative red, and adds its cell to the store's list. */
+/* Marks a leaf as bright: makes the red of its light negative, and adds its cell to the store's list. */
 static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__store *s = b->store;
     s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
@@ -17159,7 +17165,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Replaces the light by its noise, so that further rounds propagate the noise along the same rays. */
+/* Replaces the light of all leaves by their noise, so that further rounds propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -17851,7 +17857,7 @@ typedef struct sbl__pixel_lobe {
 #define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
                                            through the hierarchy */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
-/* What a round buys: splits of tiles, and looks of sensors. */
+/* A round buys splits of tiles, and looks of sensors. */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
@@ -18601,8 +18607,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p && p->id ? p : NULL;
 }
 
-/* Returns how well directions found at pixel b suit pixel a: sbl__belongs, or 0 if the tangents at the two pixels, from
-   which guides measure angles, differ too much in direction. */
+/* Returns how well the directions of a guide at pixel b suit pixel a, 0 to 1: sbl__belongs, or 0 if the tangents at the
+   two pixels, from which guides measure angles, differ too much in direction. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -18612,8 +18618,8 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* Returns the index of the guide, among the four around a pixel, whose site is most similar to the pixel in position
-   and normal. Returns 0 if no guide fits the pixel, or if rays are not guided. */
+/* Returns the index of the guide whose pixel is most similar in position and normal, among the four guides around a
+   pixel. Returns 0 if no guide fits the pixel, or if rays are not guided. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -18716,7 +18722,7 @@ static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Lists sites for the corners of the next tiles that need a sensor or more looks, until the sites fill a job. */
+/* Lists sites for the corners of the next tiles, if they need a sensor or more looks, until the sites fill a job. */
 static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
@@ -18985,7 +18991,7 @@ static void sbl__refine_update_spec(sbl__refine *r) {
     r->spec->lobe = lobe;
 }
 
-/* Makes all sensors of the first round, at the corners of first-level tiles, take their looks again. */
+/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
 static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)

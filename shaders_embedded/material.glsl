@@ -86,10 +86,10 @@ bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
 }
 
-// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue
+// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue
 // in its lobe; the others find only its diffuse part (see sbl_face_ray).
-bool sbl_is_met_as_gloss(sbl_Material m) {
-    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);
+bool sbl_hit_as_gloss(sbl_Material m) {
+    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);
 }
 
 // Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light
@@ -164,7 +164,7 @@ vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 // that hit gloss find the light of its lobe.
 vec3 sbl_glow_albedo(sbl_Material m) {
 #ifdef SBL_SPECULAR
-    if (sbl_is_met_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
+    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
 #endif
     return m.albedo;
 }

@@ -20,7 +20,7 @@ float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direc
 // direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_shines = sbl_shines(m, m.reflectance);
-    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {
+    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
         vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
         vec3 across = cross(side_1, side_2);
@@ -126,7 +126,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_LOBE
         float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
 #else
-        float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
+        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);
