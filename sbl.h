@@ -2005,6 +2005,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
                   >>guide        sends rays in directions in which nearby rays have found light
+                  >>batch        looks that are measured together, and the textures of their results
                   >>aim          rays towards lamps, and the sequences that all rays follow
                   >>raster       measures by drawing views, as the paper does
                   >>trace        measures by tracing rays
@@ -2102,7 +2103,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    look         sbl__look         >>sensors >>job       one part of a sensor's measurement, with its own rotation
    view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
-   batch        sbl__batch        >>guide               looks that are measured together
+   batch        sbl__batch        >>batch               looks that are measured together
    slot                                                 the place of a look of a batch in the textures of its results
    layer                                                layer 0 of light is R, others are harmonics or light groups
    guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
@@ -11637,7 +11638,9 @@ static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
     return result == SBL_SUCCESS ? sbl__texture_write(d, &g->texture, 0, rows, g->words) : result;
 }
 
-/* >>sensors: data of both kinds of sensors, rasterised and traced */
+/* ======================================================================================================== >>batch
+   What rasterised and traced sensors have in common: batches of looks, which are measured together, and the textures
+   of their results. */
 
 /* Slots for looks, side by side in textures. Look n of a job uses slot n % count, so that results do not depend on how
    the job is divided into batches. */
