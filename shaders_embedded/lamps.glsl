@@ -74,8 +74,8 @@ uniform float extent;           // scene extent in world units: unit of the view
 const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
 const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray
 
-// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction
-// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.
+// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths
+// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float rotation = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);

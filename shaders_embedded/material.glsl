@@ -1,12 +1,12 @@
 // This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other
 // shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
-uniform bool lamps_apart;  // true: lamps.glsl measures emitters; emission counts only sbl_emission_weight() here
+uniform bool lamps_apart;  // true: lamps.glsl measures emitters, and sbl_outgoing adds them times lamp_mis
 #ifdef SBL_SPECULAR
 float lamp_mis = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_mis
 #endif
 
-// Returns the factor of emission in sbl_outgoing.
+// Returns the factor with which sbl_outgoing adds emission.
 float sbl_emission_weight() {
 #ifdef SBL_SPECULAR
     return lamps_apart ? lamp_mis : 1.0;

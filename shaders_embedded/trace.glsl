@@ -6,9 +6,9 @@ uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
-uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
-uniform float ray_length;             // rays end at this length and see the sky
-uniform float distance_limit;         // in the mean distance, larger distances count as this one
+uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
+uniform float ray_length;             // a ray ends at this length, and then sees the sky
+uniform float distance_limit;         // larger distances count as this one in the mean distance
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
