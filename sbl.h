@@ -325,9 +325,9 @@
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces. Where the light varies much and
-   many rays arrive, cells are then divided or get further points, up to 32. Small places that are far brighter than the
-   rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
+   These rays define a system of linear equations, whose solution contains all bounces. Then cells in which the light
+   varies much, and which many rays meet, are divided or get further points, up to 32. Small places that are far
+   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -356,10 +356,10 @@
    room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %. Surfaces that
    reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
 
-   Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small
-   bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the store's rays have found
-   it. Geometry of a draw callback neither blocks nor reflects light between other surfaces; towards sensors it reflects
-   sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
+   Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
+   stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
+   store's rays have found it. Geometry of a draw callback neither blocks nor reflects light between other surfaces;
+   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
 
 
    ON REFLECTIONS
@@ -684,9 +684,9 @@
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   Ask for a channel from the first step on: the answer is SBL_UNFINISHED while there is nothing to read, and sbl_step
-   then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes later,
-   the call that makes it also makes such a preview.
+   Start to ask for a channel with the first step: the answer is SBL_UNFINISHED while there is nothing to read, and
+   sbl_step then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes
+   later, the call that makes it also makes such a preview.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
@@ -704,7 +704,7 @@
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
-   Some software renderers end a shader's loops after a number of turns without an error (llvmpipe after 65,535), so
+   Some software renderers end a shader's loops after a number of iterations without an error (llvmpipe after 65,535), so
    that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
    again with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger
    receives a warning (SBL_LOG_ITEM_LOST_RAYS).
@@ -1262,9 +1262,9 @@ typedef struct sbl_scene_desc {
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of that geometry; required with draw */
     float draw_max_radiance;   /* the highest radiance that draw writes, so that texels do not overflow. Default: 1 */
     int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
-                                  cell takes about 4 KB of host memory while the store is made, 2 KB from then on until
-                                  sbl_end, and 100 bytes of GPU memory. Default: 1.5 times the number of triangles,
-                                  but at least 49152 and at most 196608 */
+                                  cell takes about 4 KB of host memory while the store is made, then 2 KB until sbl_end,
+                                  and 100 bytes of GPU memory. Default: 1.5 times the number of triangles, but at least
+                                  49152 and at most 196608 */
     int light_groups;          /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS, see ON LIGHT GROUPS. Default: 0, no
                                   groups. A scene with draw has none */
     int sky_group;             /* number of the light group of sky and environment, as in sbl_material */
@@ -1395,7 +1395,7 @@ typedef struct sbl_picture_desc {
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
-                                  seen. From twice this height on, shading normals are used; in between, a mixture.
+                                  seen. At twice this height or more, shading normals are used; in between, a mixture.
                                   Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
@@ -1608,8 +1608,8 @@ typedef struct sbl_lightmap_desc {
                                   picture's, because objects that cover parts of a wall leave no edges in its chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
-                                  their true normals, see ON LIGHTMAPS; from twice this height on, shading normals are
-                                  used, and in between, a mixture. Default (0): 2, but only near edges where surfaces
+                                  their true normals, see ON LIGHTMAPS. At twice this height or more, shading normals
+                                  are used; in between, a mixture. Default (0): 2, but only near edges where surfaces
                                   meet at more than 60 degrees. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
@@ -3070,7 +3070,8 @@ typedef struct sbl__record {
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
                                           viewer or, at sites of >>vertices, the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
-#define SBL__BELONGS_RANGE 0.2f        /* from a cosine of BELONGS_COSINE + this on, sbl_belongs ignores the angle */
+#define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
+                                          this */
 #define SBL__BELONGS_PLANE 8.0f        /* sbl_belongs falls from 1 to 0 while this * (larger distance of one point from
                                           the other's plane) / (distance of the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this fraction of a pixel's light to its noise, because nobody
@@ -3082,8 +3083,8 @@ typedef struct sbl__record {
 #define SBL__LOBE_UNIT 65535.0f        /* stands for 1 in sbl__lobe_albedos */
 #define SBL__LOBE_LEAST 1e-3f          /* lower limit of a lobe's albedo where it is a divisor: the albedo of a metal
                                           may be 0 in some colours */
-#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, the light of a triangular lamp in a lobe is a closed
-                                          form */
+#define SBL__LOBE_ROUGH 0.25f          /* at this roughness or more, the light of a triangular lamp in a lobe is
+                                          computed in closed form */
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
@@ -6269,7 +6270,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_BINS 16         /* number of bins per axis into which the triangles of a node are sorted to split it */
 #define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; larger numbers would collide with
                                     SBL__ENTER */
-#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on are split into halves by count, to limit the depth */
+#define SBL__BVH_SAH_DEPTH 32    /* nodes at this depth or deeper are split into halves by count, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
 #define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if each side of its box is shorter than this many steps
                                     of the outer grid */
@@ -7553,7 +7554,8 @@ static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
 }
 
 /* >>lamps: lamps in flat mirrors. A sensor's rays would find the light that a narrow lobe reflects from a lamp only by
-   chance. Mirrored lamps tell them where to look (mirrored.glsl). They choose directions, and add no light. */
+   chance. Mirrored lamps give these rays directions in which such light may arrive (mirrored.glsl); they add no
+   light. */
 
 static int sbl__planes_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
@@ -15074,9 +15076,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
                                       by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
-#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
-#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
-#define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
+#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
+#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
+#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
 #define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
                                       the size of cells is found */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
@@ -15251,8 +15253,8 @@ typedef struct sbl__bounce {
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
-    double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
-                                        each position gets two samples, one on each side */
+    double samples_due;              /* number of positions that surface samples should have on the triangles visited so
+                                        far; each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples, spread over all surfaces */
     sbl__hits queue;                 /* hits that may become points. Its list points into samples, hits or released */
     sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
@@ -16850,7 +16852,7 @@ static sbl_result sbl__bounce_score(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Decides whether the round changes anything, and from which class on leaves are divided. */
+/* Decides whether the round changes anything, and in which classes leaves are divided (b->division->least). */
 static int sbl__bounce_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
