@@ -704,8 +704,8 @@
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
-   Some software renderers end a shader's loops after a number of iterations without an error (llvmpipe after 65,535), so
-   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
+   Some software renderers end a shader's loops after a number of iterations without an error (llvmpipe after 65,535),
+   so that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
    again with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger
    receives a warning (SBL_LOG_ITEM_LOST_RAYS).
 
@@ -11861,10 +11861,11 @@ static int sbl__rays_most(const sbl__hierarchy *h, int iterations, int limit, in
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns once per scene that rays were lost. told: last scene version with a warning; count, what: begin the message */
-static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t version, int count, const char *what) {
-    if (*told == version) return;
-    *told = version;
+/* Warns once per scene that rays were lost. warned: last scene version with a warning; count, what: begin the
+   message */
+static void sbl__rays_warn(const sbl__device *d, uint32_t *warned, uint32_t version, int count, const char *what) {
+    if (*warned == version) return;
+    *warned = version;
     sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_LOST_RAYS, "%d %s, because the driver (%s) ends loops of shaders "
              "early; use a GPU, or fewer surfaces with holes and fewer long, thin triangles", count, what,
              d->gl.capabilities.renderer);
@@ -14280,7 +14281,7 @@ typedef struct sbl__job {
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
     int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
-    uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
+    uint32_t warned_scene;        /* version of the scene for which sbl__rays_warn has warned */
     int look_end;               /* 1 + index of the round's last look. The round's first look has the index
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
@@ -14920,7 +14921,7 @@ static int sbl__job_lost(sbl__job *j) {
         j->divisor = SBL__MAX(1, j->divisor) * SBL__DIVISOR_STEP;
         return 1;
     }
-    sbl__rays_warn(j->device, &j->told_scene, j->scene->version, j->lost, "sensors are invalid");
+    sbl__rays_warn(j->device, &j->warned_scene, j->scene->version, j->lost, "sensors are invalid");
     return 0;
 }
 
@@ -15534,7 +15535,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
         lost += of[1][3] < 0;
     }
     sbl__free(d->base, rays);
-    if (lost) sbl__rays_warn(d, &b->core->job.told_scene, b->core->scene.version, lost, "rays of bounced light miss");
+    if (lost) sbl__rays_warn(d, &b->core->job.warned_scene, b->core->scene.version, lost, "rays of bounced light miss");
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
     b->core->stats.sensors.readbacks += outputs;
