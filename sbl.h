@@ -188,11 +188,11 @@
    ON UNITS
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
-   Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
-   from the origin, and whose brightest light is 1e-9 to 1e17: the largest radiance, irradiance of a directional light,
-   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others, and
-   sbl_set_mesh_transform if the scene becomes one that is too large or too far away. A value that overflows never
-   becomes NaN.
+   Results are accurate under three conditions: the scene is 5e-10 to 6e9 units across; it reaches at most 4,000 times
+   its size away from the origin; and its brightest light is 1e-9 to 1e17. Brightest means the largest radiance,
+   irradiance of a directional light, or intensity of another light divided by the square of the scene's size.
+   sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too large or too far
+   away. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -437,8 +437,8 @@
    that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 may continue
    in a direction of the lobe there, too, as if the roughness were at least 0.15. It always does so at angles at which
    more than a fifth of the light is reflected, and with a smaller chance at other angles. All other surfaces reflect as
-   diffuse surfaces of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also
-   opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   diffuse surfaces of the same mean albedo. In views (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
+   Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.5 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 1.8 % of the
@@ -565,11 +565,11 @@
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
-   Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
-   something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
-   vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
-   vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes of
-   memory and a few microseconds per triangle.
+   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside something, and
+   are left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
+   out. A vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has
+   light. A vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes
+   of memory and a few microseconds per triangle.
 
 
    ON PROBES
@@ -7059,9 +7059,11 @@ typedef struct sbl__lamp {
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
-   lobe. own: its area * its largest reflectance. weight: at least `own`, see sbl__planes_add */
+   lobe. */
 typedef struct sbl__plane {
-    double normal[3], offset, own, weight;
+    double normal[3], offset;
+    double own;                /* area * largest reflectance */
+    double weight;             /* at least `own`, see sbl__planes_add */
     float reflectance[3], alpha;
     sbl__box bounds;
 } sbl__plane;
@@ -15171,28 +15173,31 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
-/* The hit of a ray, or a surface sample. distance: length of the ray in world units; for a surface sample, length of
-   the shortest of its rays that hit a surface, or SBL__UNSEEN. side: (index of the triangle in the scene) << 1 | back;
-   SBL__NOWHERE: the ray hit nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after
-   sbl__bounce_link, and before that only if `current` is 1. albedo: of the surface, see sbl__albedo_pack. by_metal: 1:
-   the ray had reflected off metal before this hit. current: 1: `leaf` is valid and stays so until a cut splits that
-   leaf. sbl__bounce_place sets it for any queued hit; it is tested only for hits of points' rays */
+/* The hit of a ray, or a surface sample */
 typedef struct sbl__hit {
-    float position[3], distance;
-    uint32_t side, leaf;
-    uint16_t albedo[3];
-    uint8_t by_metal, current;
+    float position[3];
+    float distance;    /* length of the ray in world units; for a surface sample, length of the shortest of its rays
+                          that hit a surface, or SBL__UNSEEN */
+    uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
+    uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__bounce_link, and before
+                          that only if `current` is 1 */
+    uint16_t albedo[3];  /* of the surface, see sbl__albedo_pack */
+    uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
+    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__bounce_place sets it for
+                          any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
-/* A point of a leaf. leaf: index of the leaf; number: index among the leaf's points; measured: 1: `light` and `valid`
-   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows; shine: R that metal
-   reflects from lamps and the sky, see cast.glsl */
+/* A point of a leaf */
 typedef struct sbl__bounce_point {
     sbl__hit at;
-    int leaf, number, measured, valid;
-    float light[3], shine[3];
+    int leaf;          /* index of the leaf */
+    int number;        /* index of the point among the leaf's points */
+    int measured;      /* 1: `light` and `valid` are set */
+    int valid;         /* 1: the reading at the point is valid */
+    float light[3];    /* R from lamps, later also from glows */
+    float shine[3];    /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
 /* The part of the iteration's sum that one ray of a valid point adds in each round: the light of a leaf times the
@@ -15201,18 +15206,19 @@ typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } s
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
-/* A leaf while the store is filled. points: number of points; most: maximum number of points, see >>bounce: division;
-   first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
-   readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
-   its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
-   points whose rays had been cast when a cut last split the leaf: the hits of these rays may lie on the other side of
-   the cut and must be placed again, those of later points need not; 0: no cut has split the leaf since all hits were
-   last placed again; read_end: 1 + index of the leaf's last read. Its first read follows the last read of the leaf
-   before it. */
+/* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
-    int points, most, first, valid, bright;
-    float share;
-    int cut, read_end;
+    int points;        /* number of points */
+    int most;          /* maximum number of points, see >>bounce: division */
+    int first;         /* index of the first point, which the others follow once points are sorted */
+    int valid;         /* number of points with valid readings */
+    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf
+                          at its first point; otherwise 0 */
+    float share;       /* approximate fraction of its cell that the leaf covers after divisions */
+    int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
+                          it since all hits were last placed again. The hits of these rays may lie on the other side
+                          of the cut and must be placed again; those of later points need not */
+    int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
 enum {
@@ -16728,11 +16734,14 @@ static int sbl__bounce_grouped_leaves(void *work) {
    uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by
    chance would be divided and become darker, and leaves that are dark by chance would stay as they are. */
 
-/* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. hits: number of rays;
-   weight: sum of the squares of the luminance of the albedo at the hit; offsets, squares: per axis, sum of the
-   positions relative to the leaf's first point, and of their squares; score: weight * (variance of the light in the
-   leaf's region) / (mean square of all light) */
-typedef struct sbl__spread { double hits, weight, offsets[3], squares[3], score; } sbl__spread;
+/* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. */
+typedef struct sbl__spread {
+    double hits;        /* number of rays */
+    double weight;      /* sum of the squares of the luminance of the albedo at the hit */
+    double offsets[3];  /* per axis, sum of the positions relative to the leaf's first point */
+    double squares[3];  /* per axis, sum of the squares of these positions */
+    double score;       /* weight * (variance of the light in the leaf's region) / (mean square of all light) */
+} sbl__spread;
 
 /* Sums over the points of a region. Each point has the weight sbl__point_weight. points: number of points; light: sum
    of the luminance of R; squares: sum of its square */
