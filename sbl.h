@@ -4550,9 +4550,11 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture and other textures: first row in the texel
-   table, width, height, and SBL__TEXTURE flags; all 0: none. reflectance: of the part that is not metal, along the
-   normal; negative: the material is matte. layer: light_group. The other fields are as in sbl_material */
+/* The material of a mesh, and its id. The other fields are as in sbl_material:
+   id               sbl_mesh.id or, if that is 0, the mesh's index + 1
+   ..._texture      first row in the texel table, width, height, and SBL__TEXTURE flags; all 0: no texture
+   reflectance      of the part that is not metal, along the normal; negative: the material is matte
+   layer            light_group */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -5243,9 +5245,11 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Scalars of a system (see sbl__solver.together). power, next_power: residual . preconditioned residual, before and
-   after an iteration. along: direction . product. first2, left2: squared length of the preconditioned residual, at the
-   start of the solution and after an iteration. turn: factor of the old direction in the new one (beta) */
+/* Scalars of a system (see sbl__solver.together):
+   power, next_power  residual . preconditioned residual, before and after an iteration
+   along              direction . product
+   first2, left2      squared length of the preconditioned residual, at the start of the solution and after an iteration
+   turn               factor of the old direction in the new one (beta) */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
@@ -6285,8 +6289,11 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid, stored in place of a node. origin: position of step 0. per_length: steps per unit of length. root: index of
-   the grid's first node. around: index of the outer grid; 0 in the outermost grid, whose own index is 0 */
+/* A grid, stored in place of a node:
+   origin           position of step 0
+   per_length       steps per unit of length
+   root             index of the grid's first node
+   around           index of the outer grid; 0 in the outermost grid, whose own index is 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
@@ -6984,10 +6991,13 @@ static const char *const sbl__glsl_traverse[] = {
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
 
-/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
-   square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
-   normal / 2 of one-sided and of distant lamps. beyond: index of the node after the subtree; SBL__FAR_NODE is added in
-   the tree of distant lamps. first_leaf: index of the subtree's first leaf */
+/* A node of a lamp tree:
+   middle, radius   a ball around all lamps of its subtree
+   power            the sum of their powers
+   square, mixed    the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write
+   front            sum of power * normal / 2 of one-sided and of distant lamps
+   beyond           index of the node after the subtree; SBL__FAR_NODE is added in the tree of distant lamps
+   first_leaf       index of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -7019,10 +7029,14 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
     X(sbl__glow, VEC3, radiance) X(sbl__glow, UINT, unused_1)
 SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
-/* A cluster of lamps in the mirror of a flat surface, see mirrored.glsl. middle, radius: a ball around the mirrored
-   lamps; if `distant` is 1, the direction to them, and the radius of the ball around their unit directions. power: the
-   sum of the lamps' powers. low, high: bounds of the flat surface. normal, offset: its plane is normal * x = offset,
-   and the lamps are on the side of the normal. reflectance, alpha: the reflectance and alpha of its lobe */
+/* A cluster of lamps in the mirror of a flat surface, see mirrored.glsl:
+   middle, radius   a ball around the mirrored lamps; if `distant` is 1, the direction to them, and the radius of the
+                    ball around their unit directions
+   power            the sum of the lamps' powers
+   low, high        bounds of the flat surface
+   normal, offset   its plane is normal * x = offset, and the lamps are on the side of the normal
+   reflectance      reflectance of its lobe
+   alpha            alpha of its lobe */
 #define SBL__MIRRORED(X) \
     X(sbl__mirrored, VEC3, middle) X(sbl__mirrored, FLOAT, radius) \
     X(sbl__mirrored, VEC3, low) X(sbl__mirrored, FLOAT, power) \
@@ -11271,9 +11285,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 
 /* >>sensors: specular lobes */
 
-/* The specular lobe of a look; the table of lobes is parallel to the table of looks. view: direction to the viewer;
-   roughness, reflectance: see lobe.glsl; albedo: directional albedo, at least SBL__LOBE_LEAST; xx, xz, zx, zz: elements
-   of the matrix that transforms the lobe to a cosine lobe; yy is 1, all others are 0 */
+/* The specular lobe of a look. The table of lobes is parallel to the table of looks:
+   view             direction to the viewer
+   roughness, reflectance  see lobe.glsl
+   albedo           directional albedo, at least SBL__LOBE_LEAST
+   xx, xz, zx, zz   elements of the matrix that transforms the lobe to a cosine lobe; yy is 1, all others are 0 */
 #define SBL__LOBE_RECORD(X) \
     X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
     X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, zx) X(sbl__lobe, FLOAT, zz) \
