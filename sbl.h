@@ -677,7 +677,7 @@
    sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
    divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
    program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
-   compiles nearly all of them (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
+   compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
    compile again when a program first draws, for the formats of its textures and targets. compile_ahead cannot avoid
    that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache, a dozen steps of the first
    picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids that.
@@ -1015,9 +1015,10 @@ typedef struct sbl_context_desc {
     int batch;                /* maximum number of looks that one draw call measures; views must also fit into their
                                  texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
-    int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
-                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table.
-                                 Default: 0, each program is compiled when it is first used */
+    int compile_ahead;        /* 1: sbl_create compiles all programs except those of scenes with reflections or normal
+                                 maps, of scenes too large for one buffer texture per table, of inspections, of
+                                 directional lightmaps and of light groups. Default: 0, each program is compiled when it
+                                 is first used */
     size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
                                  with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
                                  message says which size would fit. Drivers need more memory of their own. Default: 0,
@@ -24614,8 +24615,8 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
-   SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
+/* Compiles all programs that this driver can need, for compile_ahead. Does not compile variants with SBL__INSPECT,
+   SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
