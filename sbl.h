@@ -7104,6 +7104,8 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     int plane_count;
 } sbl__lamps;
 
+/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees, which
+   sbl__lamps builds */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
@@ -17449,8 +17451,10 @@ static float sbl__bounce_progress(const sbl__core *c) {
                : SBL__BOUNCE_LIT;
 }
 
-/* Does a piece of the preparation for a measurement: hierarchy and lamps, except in SBL_MODE_PAPER; in SBL_MODE_GI also
-   store and glows. Returns SBL_UNFINISHED until all is ready, then SBL_SUCCESS. */
+/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
+   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
+   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
+   SBL_SUCCESS. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -17779,6 +17783,14 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
        |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
+
+   The stages, of which those of guides and places are only needed in some pictures and lightmaps:
+
+       rounds    TILES -> { COLLECT -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
+       guides    after a first round that is too noisy: RESTART -> COLLECT_SCOUTS -> SCOUT -> TAKE_SCOUTS -> GUIDES,
+                 then the first round again. With more rays per look instead of guides, only RESTART
+       places    in lightmaps, after TAKE, for hidden centres of texels: COLLECT_PLACES -> SEARCH -> TAKE_PLACES ->
+                 COLLECT
 
    Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
    mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; only
