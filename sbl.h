@@ -188,11 +188,11 @@
    ON UNITS
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
-   Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
-   from the origin, and whose brightest light is 1e-9 to 1e17: the largest radiance, irradiance of a directional light,
-   or intensity of another light divided by the square of the scene's size. sbl_set_scene warns about others, and
-   sbl_set_mesh_transform if the scene becomes one that is too large or too far away. A value that overflows never
-   becomes NaN.
+   Results are accurate under three conditions: the scene is 5e-10 to 6e9 units across; it reaches at most 4,000 times
+   its size away from the origin; and its brightest light is 1e-9 to 1e17. Brightest means the largest radiance,
+   irradiance of a directional light, or intensity of another light divided by the square of the scene's size.
+   sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too large or too far
+   away. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -242,12 +242,12 @@
        sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
-   auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
-   surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black pixels, and
-   the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the brightest 5 % of
-   FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops. The result is in
-   sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel. sbl_picture_desc.backdrop
-   puts a gradient behind objects that would otherwise be in front of a black sky.
+   auto_exposure depends on the light that arrives at surfaces, as with a light meter that is held into the scene, and
+   not on how bright the surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to
+   0.71. Black pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean
+   of the brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5
+   stops. The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
+   sbl_picture_desc.backdrop puts a gradient behind objects that would otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -256,12 +256,12 @@
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
-   The number of rays of a look follows from the target: 16 from 6 % on, 32 from 1.5 % on, 64 from 0.4 % on, otherwise
-   128. With the default target of the preset, each sensor takes at most 32 looks. If the first looks are too noisy, all
-   looks get more rays, up to 128, and their maximum number is lowered, so that the maximum number of rays stays: 1024 /
-   1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in lightmaps. The limit bounds
-   the time where light comes through windows, and there the picture may miss the target. If you set target_error
-   yourself, even to its default, the limit is 512 looks instead of 32.
+   The number of rays of a look follows from the target: 16 for targets of 6 % or more, 32 down to 1.5 %, 64 down to
+   0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks
+   are too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays
+   the same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in
+   lightmaps. The limit bounds the time where light comes through windows, and there the picture may miss the target. If
+   you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -282,11 +282,11 @@
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
-   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The squares of
-   all parts add up to that of the predicted error. If the third part is large, further rays would hardly help. Noise
-   and interpolation together are then reduced only to the larger of 0.84 of the target and half of the third part, but
-   at least down to twice the target. If the third part exceeds 0.55 of the target, the picture may therefore end with
-   SUCCESS and an expected_error above the target.
+   cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The square of the
+   predicted error is the sum of the squares of its three parts. If the third part is large, further rays would hardly
+   help. Noise and interpolation together are then reduced only to 0.84 of the target or to half of the third part,
+   whichever is larger, but always to twice the target or less. If the third part exceeds 0.55 of the target, the
+   picture may therefore end with SUCCESS and an expected_error above the target.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -325,9 +325,9 @@
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces. Where the light varies much and
-   many rays arrive, cells are then divided or get further points, up to 32. Small places that are far brighter than the
-   rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
+   These rays define a system of linear equations, whose solution contains all bounces. Then cells in which the light
+   varies much, and which many rays meet, are divided or get further points, up to 32. Small places that are far
+   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -356,10 +356,10 @@
    room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %. Surfaces that
    reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
 
-   Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small
-   bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the store's rays have found
-   it. Geometry of a draw callback neither blocks nor reflects light between other surfaces; towards sensors it reflects
-   sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
+   Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
+   stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
+   store's rays have found it. Geometry of a draw callback neither blocks nor reflects light between other surfaces;
+   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
 
 
    ON REFLECTIONS
@@ -380,42 +380,44 @@
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   No channel holds the emission, or what panes add, alone. ALBEDO is the albedo of the diffuse part for this view.
-   SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or 0 if the
-   surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean radiance in the
-   lobe. Errors are those that the eye sees: the root mean square over the visible pixels, at their centres, of the
-   error of the luminance of FINAL, as a share of the mean luminance of FINAL without emission. Sensors measure R until
-   the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors
-   measure SPECULAR until the error of FINAL is. The error of FINAL has three parts, whose squares add up:
-   radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
-   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
-   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
-   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
-   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R.
+   No channel holds only the emission, or only the light that panes add. ALBEDO is the albedo of the diffuse part for
+   this view. SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or
+   0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
+   radiance in the lobe. The error of FINAL is the root mean square, over the centres of the visible pixels, of the
+   error of its luminance, as a share of the mean luminance of FINAL without emission. Sensors measure R until the error
+   of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR
+   until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up: radiance_error,
+   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of stored light in
+   lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
+   the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
+   the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error
+   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the measurement of R.
    Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
-       lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
-                  transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
-                  the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
-       mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
-                  most 8 mirrors and 56 panes; each further pane counts as a mirror. A mirror is here a surface of a
-                  roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have such an albedo. All
-                  channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION, ID and DEPTH
-                  (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO multiplied by
-                  what the mirrors on the way reflect and the panes pass. SPECULAR of a mirror itself is therefore never
-                  in the picture. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and
-                  SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a roughness of 0.05 or
-                  more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what these mirrors show. The
-                  same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16. All these samples lie at
-                  the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other smooth surfaces are measured
-                  by rays
-       panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
-                  diffuse part shows the stored light. The surfaces that a pane mirrors show their stored light, too,
-                  except that metal of a roughness below 0.5 is itself a mirror there, which samples blur if its
-                  roughness is 0.05 to 0.16, and that other panes show what is behind them. The predicted error of FINAL
-                  contains 13 % of the stored light that panes show, since its cells are wide. No light is stored in
-                  SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps and the sky. Roughness
-                  does not blur what a pane shows. Panes tint the light that rays towards lamps find
+       lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
+                  form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
+                  rays to lamps measure lamps (multiple importance sampling). For point, spot and directional lights, f
+                  itself is evaluated; perfect mirrors do not show them
+       mirrors    a pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is seen
+                  directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. Here, a
+                  mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have
+                  such an albedo. All channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION,
+                  ID and DEPTH (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO
+                  multiplied by what the mirrors on the way reflect and the panes pass. The picture therefore never
+                  contains SPECULAR of a mirror itself. Where a mirror shows only sky, the channels are those of the
+                  mirror, with ALBEDO and SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a
+                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
+                  these mirrors show. The same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16.
+                  All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other
+                  smooth surfaces are measured by rays
+       panes      a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own
+                  diffuse part shows the stored light. The surfaces that a pane mirrors also show their stored light,
+                  with two exceptions: other panes show what is behind them, and metal of a roughness below 0.5 is a
+                  mirror there; if its roughness is 0.05 to 0.16, anti-aliasing samples blur what it mirrors. The
+                  predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide.
+                  No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps
+                  and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps
+                  find
 
    In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
    none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
@@ -423,20 +425,20 @@
    Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
    glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
    if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
-   light arrives only from above it; a ray that starts below it meets the surface itself, and finds the light that it
-   reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the lobe. In
-   mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per pixel. The
-   stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
+   light arrives only from above the surface. A ray that starts below it meets the surface, and finds the light that the
+   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the
+   lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer together, down to
+   one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the texture.
 
    Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
    along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
    there, as if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send
    by way of mirrors (caustics) is therefore blurred, but has no specks. Sensors send a part of their rays to lamps
-   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 also
-   continues in a direction of the lobe there, as if the roughness were at least 0.15: always at angles at which more
-   than a fifth of the light is reflected, and at other angles with a smaller chance. Every other surface reflects as
-   a diffuse surface of the same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also
-   opaque. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 may continue
+   in a direction of the lobe there, too, as if the roughness were at least 0.15. It always does so at angles at which
+   more than a fifth of the light is reflected, and with a smaller chance at other angles. All other surfaces reflect as
+   diffuse surfaces of the same mean albedo. In views (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
+   Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.5 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 1.8 % of the
@@ -469,22 +471,22 @@
        if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);  // light: 1024 * 1024 * 3 floats
 
-   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
-   for lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
+   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error also apply
+   to lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
-   continued into this space, half of it from either chart.
+   continued into this space, from each chart into the nearer half.
 
-   A texel shows the light of that part of its surface that can be seen. If something lies on the texel's centre, or if
-   the centre stands in a narrow gap, rays search the texel for places from which light can leave, and the texel shows
-   the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
-   light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
-   that sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and
-   is treated in the same way; in other modes, if it sees nothing but back faces.
+   A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
+   the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
+   median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
+   of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
+   sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
+   treated in the same way; in other modes, if it sees nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
-   side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
-   triangles of its own.
+   side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
+   this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
@@ -508,13 +510,14 @@
    if no mesh has lightmap_texcoords, it does not begin.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
-   spherical harmonics, see sbl_channel. These four alone would give
+   spherical harmonics, see sbl_channel. With these four alone, R for a normal m would be
 
        R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
 
-   whose error is 19 % of R on average, over high and low lamps, windows and skies, for normals m that lean up to 45
-   degrees. It is more accurate (7 %) to use them only for the change of R from the surface's own normal n. The change
-   follows a lobe whose sharpness the harmonics give (Hazel, Geomerics 2015). For each colour channel:
+   The error of this formula is 19 % of R on average, over high and low lamps, windows and skies, for normals m that
+   lean up to 45 degrees. It is more accurate (7 %) to use the harmonics only for the change of R from the surface's own
+   normal n. The change follows a lobe whose sharpness the harmonics give (Hazel, Geomerics 2015). For each colour
+   channel:
 
        v = 0.16286750 (SH_3, SH_1, SH_2)    r = min(|v| / (0.28209479 SH_0), 1)    a = (1 - r) / (1 + r)
        f(m) = a + 2 (1 - a) (1 + r) ((1 + dot(m, v) / |v|) / 2)^(1 + 2 r)          R(m) = FINAL f(m) / f(n)
@@ -562,11 +565,11 @@
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
-   Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
-   something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
-   vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
-   vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes of
-   memory and a few microseconds per triangle.
+   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside something, and
+   are left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
+   out. A vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has
+   light. A vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes
+   of memory and a few microseconds per triangle.
 
 
    ON PROBES
@@ -599,8 +602,8 @@
    `move` from the given position. The nearest back face is tried first. The probe stays at the first valid position, or
    where it was if there is none.
 
-   Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
-   sky is visible, 0 means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. They do not include the sky; where
+   nothing but sky is visible, they are 0, which means infinitely far.
 
    Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
    for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
@@ -617,7 +620,7 @@
        lights[0].light_group = 1;         // a light
        materials[3].light_group = 1;      // the emission of all surfaces with this material
 
-   Each bake decides whether it measures them. One bake makes all groups, with all bounces, from the same rays:
+   The descriptor of a bake requests the groups. One bake makes all groups, with all bounces, from the same rays:
 
        lightmaps  sbl_lightmap_desc.grouped = 1 makes the channels SBL_CHANNEL_GROUP_0 and so on, with gutters and sewn
                   seams. They are the parts of FINAL
@@ -631,8 +634,8 @@
    group that is dark beside others can be slightly negative, because noise of the others shows in it.
 
    Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
-   is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
-   group that is made ten times as bright beside the others shows ten times its error.
+   is a share of the whole light, not of the group's own. In the light of all groups together, this error cannot be
+   seen. A group that is made ten times as bright beside the others shows ten times its error.
 
    Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
    group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
@@ -674,25 +677,25 @@
    sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
    divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
    program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
-   compiles nearly all of them (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
+   compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
    compile again when a program first draws, for the formats of its textures and targets. compile_ahead cannot avoid
    that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache, a dozen steps of the first
    picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids that.
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   Ask for a channel from the first step on: the answer is SBL_UNFINISHED while there is nothing to read, and sbl_step
-   then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes later,
-   this request itself makes such a preview.
+   Start to ask for a channel with the first step: the answer is SBL_UNFINISHED while there is nothing to read, and
+   sbl_step then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes
+   later, the call that makes it also makes such a preview.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
-   one with all bounces as soon as the store is full. Hosts that do not ask pay nothing for it; finished pictures are
-   the same.
+   one with all bounces as soon as the store is full. This costs nothing for hosts that do not ask, and does not change
+   finished pictures.
 
    sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
-   long as foreseen. What follows the store is foreseen poorly: in pictures of rooms made at random, progress was
-   off by 0.15 on average, and by up to 0.4.
+   long as foreseen. The time that the work takes after the store is full can only be guessed: in pictures of rooms made
+   at random, progress was wrong by 0.15 on average, and by up to 0.4.
 
 
    ON RESULTS AND MESSAGES
@@ -701,8 +704,8 @@
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
-   Some software renderers end a shader's loops after a number of turns without an error (llvmpipe after 65,535), so
-   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
+   Some software renderers end a shader's loops after a number of iterations without an error (llvmpipe after 65,535),
+   so that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
    again with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger
    receives a warning (SBL_LOG_ITEM_LOST_RAYS).
 
@@ -800,17 +803,18 @@
 
    A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
-   same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
+   same GL driver, no matter which windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays place
-   nearly the same sensors, with the same numbers of looks, as a complete picture with this mean and price; therefore
-   the light has about the same steps at their borders as it has there.
+   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays have
+   nearly the same sensors, with the same numbers of looks, as the complete picture with this mean and price. The joined
+   picture therefore hardly has larger steps of light at the borders of windows than the complete picture has at these
+   places.
 
    The joined picture is not to the bit that of one call. If options.rays is set and nothing is refined (tile = 1), both
    differ by rounding, which sends single rays past an edge (0.01 % of the mean in all). With a target error, the joined
    picture has other sensors in places, and differs by less than the target.
-   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as there in the picture of one call (in
-   three scenes).
+   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as the same pixels of the picture of one
+   call (in three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -822,29 +826,30 @@
        price      multiply sbl_stats.picture.price of the small picture by (pixels of the whole / pixels of the small
                   picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
                   then has about the target error. Single windows may have more or less, just as regions of a picture
-                  that is made at once do. Without a price, every window reaches the target error by itself, which
-                  takes up to twice as long in total. In scenes with reflections, do the same with mean_final and
+                  that is made at once do. Without a price, every window reaches the target error by itself, which takes
+                  up to twice as long in total. In scenes with reflections, do the same with mean_final and
                   specular_price of the small picture, because errors there are shares of the mean of FINAL
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
-                  as those of the small picture, whose price and WORK no longer hold for it
+                  as those of the small picture, so that the price and WORK of the small picture are wrong for it
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
-   In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
+   The pixel (x, y) in ON DETERMINISM is a pixel of the whole picture. In sbl_inspect_sensor and in channels, pixels are
+   those of the window.
 
-   SBL_CHANNEL_WORK of the small picture tells how to divide the whole into windows that take about equally long. With
+   SBL_CHANNEL_WORK of the small picture shows how to divide the whole into windows that take about equally long. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
-   hierarchy of triangles, which is the same on all machines with the same driver. Looks at lobes count, too. In
+   hierarchy of triangles, which is the same on all machines with the same driver. It also counts looks at lobes. In
    lightmaps, it counts only looks.
 
    A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
-   supersample supplies the mean, the rays and the price; as pixels of the whole, the factor of the price counts the
-   places of `supersample`, width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE,
-   SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and
-   so on, of each window to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the
-   gutters and seams. If a single window shows the whole map, and has no mean and price set, the joined map is to the
-   bit the map that is baked at once.
+   supersample supplies the mean, the rays and the price. In the factor of the price, the number of pixels of the whole
+   is then width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if
+   the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and so on, of each window
+   to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If
+   a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
+   baked at once.
 
    Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
@@ -864,10 +869,10 @@
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
-   its position, `rays` and the seed, and not on other probes: not on their number, and not on which are baked at the
-   same time. The light of a mesh's vertices depends on the mesh's index in the scene, and not on which other meshes are
-   baked.
+   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends only on its
+   number, its position, `rays` and the seed. It does not depend on how many other probes there are, or which of them
+   are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene, but not on which
+   other meshes are baked.
 
 
    ON THE PAPER
@@ -1010,9 +1015,10 @@ typedef struct sbl_context_desc {
     int batch;                /* maximum number of looks that one draw call measures; views must also fit into their
                                  texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
-    int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
-                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table.
-                                 Default: 0, each program is compiled when it is first used */
+    int compile_ahead;        /* 1: sbl_create compiles all programs except those of scenes with reflections or normal
+                                 maps, of scenes too large for one buffer texture per table, of inspections, of
+                                 directional lightmaps and of light groups. Default: 0, each program is compiled when it
+                                 is first used */
     size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
                                  with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
                                  message says which size would fit. Drivers need more memory of their own. Default: 0,
@@ -1112,7 +1118,7 @@ typedef struct sbl_material {
                               surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
     float ior;             /* index of refraction of what is not metal, 1 to 1e6: 1.5 for most plastics, paints and
-                              woods. 0: it has no reflections, so it is matte; 1.5 if metallic is above 0 */
+                              woods. 0: the surface is matte; if metallic is above 0, it is not, and 0 means 1.5 */
     float metallic;        /* share of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
@@ -1177,8 +1183,8 @@ typedef struct sbl_light {
 /* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
    neither an environment nor any sbl_light.
    The direction d is at u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi in the picture. x and z are the
-   world's axes if up is +y; otherwise they are turned with up along the shortest arc. (0, 0) is the picture's first
-   corner, so the upper edge of the picture is straight up everywhere. */
+   world's axes if up is +y; otherwise the shortest rotation that takes +y to up is applied to them, too.
+   (u, v) = (0, 0) is the upper left corner of the picture, and its whole upper edge lies in the direction up. */
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture must be 0, wrap is ignored. There is no environment if its pixels and
@@ -1257,9 +1263,9 @@ typedef struct sbl_scene_desc {
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of that geometry; required with draw */
     float draw_max_radiance;   /* the highest radiance that draw writes, so that texels do not overflow. Default: 1 */
     int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
-                                  cell takes about 4 KB of host memory while the store is made, 2 KB from then on until
-                                  sbl_end, and 100 bytes of GPU memory. Default: 1.5 times the number of triangles,
-                                  but at least 49152 and at most 196608 */
+                                  cell takes about 4 KB of host memory while the store is made, then 2 KB until sbl_end,
+                                  and 100 bytes of GPU memory. Default: 1.5 times the number of triangles, but at least
+                                  49152 and at most 196608 */
     int light_groups;          /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS, see ON LIGHT GROUPS. Default: 0, no
                                   groups. A scene with draw has none */
     int sky_group;             /* number of the light group of sky and environment, as in sbl_material */
@@ -1390,7 +1396,7 @@ typedef struct sbl_picture_desc {
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
-                                  seen. From twice this height on, shading normals are used; in between, a mixture.
+                                  seen. At twice this height or more, shading normals are used; in between, a mixture.
                                   Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
@@ -1400,8 +1406,8 @@ typedef struct sbl_picture_desc {
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS; without a
                                   tone, only sbl_stats.picture.exposure shows them. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
-                                  linear, 0 to 1, at the lower edge; it fades to 0.3 of it at the upper edge. It lights
-                                  nothing. Default: 0 */
+                                  linear, 0 to 1, at the lower edge; towards the upper edge, it fades to 0.3 of this
+                                  colour. It lights nothing. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1603,8 +1609,8 @@ typedef struct sbl_lightmap_desc {
                                   picture's, because objects that cover parts of a wall leave no edges in its chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
-                                  their true normals, see ON LIGHTMAPS; from twice this height on, shading normals are
-                                  used, and in between, a mixture. Default (0): 2, but only near edges where surfaces
+                                  their true normals, see ON LIGHTMAPS. At twice this height or more, shading normals
+                                  are used; in between, a mixture. Default (0): 2, but only near edges where surfaces
                                   meet at more than 60 degrees. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
@@ -1798,8 +1804,9 @@ extern "C" {
    GL function is missing, no headless GL), GL (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
-/* Frees a context and all its GL objects. Does nothing if context is NULL, or where others return STATE. The pointer
-   must not be used afterwards; set it to NULL, which every function refuses. */
+/* Frees a context and all its GL objects. Does nothing if context is NULL, or if the call is not allowed here: other
+   functions then return STATE. The pointer must not be used afterwards; set it to NULL, which every function
+   refuses. */
 SBL_API void sbl_destroy(sbl_context *context);
 
 /* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
@@ -1814,10 +1821,10 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then stay as narrow as the
-   former light needed them; after large changes, sbl_set_scene gives more exact light. Other changes discard the store.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
-   sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
+   which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
+   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold:
+   use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -1826,13 +1833,13 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
    max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
    warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
    another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
-   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or something else, so that a host can refuse to overwrite a
-   file that it did not write. Loading drops work under way, even if it fails.
-   put, get: called for some bytes at a time; they return the number of bytes written or read, and any other number than
-   asked for is an error. user: passed to them. The format has a version and a checksum.
-   Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
-   scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables),
-   OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that it had. */
+   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
+   file that it did not write. Loading drops work under way, even if it fails. put, get: called for some bytes at a
+   time; they return the number of bytes written or read; a number other than `bytes` is an error. user: passed to them.
+   The format has a version and a checksum. Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are
+   damaged, or of another version, byte order or scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED
+   (load: larger than the driver's tables), OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that
+   it had. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
@@ -1850,7 +1857,7 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a lightmap, which replaces a picture: what is said of pictures, from sbl_step on, is true for it.
+/* Starts a lightmap, which takes the place of a picture: the functions below, from sbl_step on, treat it as a picture.
    desc: NULL means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has
    lightmap_texcoords), and OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
@@ -1861,8 +1868,8 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_d
 SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied; NULL means all zeroes (for probes an error, because it places none). Its radiance is filled when the
-   work is done; its readings or probes are filled from the first to the last while the work goes on.
+   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
+   filled when the work is done; its readings or probes are filled from the first to the last while the work goes on.
    Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
    (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
@@ -1890,7 +1897,7 @@ SBL_API int sbl_channel_components(sbl_channel channel);
 /* Copies a channel of the picture or lightmap. If it is under way, the best so far is copied.
    out: receives width * height * components floats, top row first. float_count: number of floats that out has room for.
    Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to read before the first level is done),
-   OUT_OF_MEMORY, GL. INVALID_ARGUMENT, STATE and UNFINISHED leave out as it was. */
+   OUT_OF_MEMORY, GL. After INVALID_ARGUMENT, STATE or UNFINISHED, `out` is unchanged. */
 SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t float_count);
 
 /* Returns the GL texture of a channel, or 0 if there is no picture, nothing to read yet, or an error. It is a
@@ -1899,13 +1906,13 @@ SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, f
    sbl_begin_lightmap or sbl_end, and while the picture is under way only until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
-/* Shows how the light of pixel (x, y) of the finished picture came about, by measuring it again.
-   sensor: receives the sums, views, rays and lamps. radiance: NULL, or receives 4 floats per texel of the sheet, first
-   row first: rgb is the radiance, a is the distance to the surface seen, negative for back faces, 0 if there is none.
-   weights: NULL, or receives 1 float per texel; their sum is sensor->weight_sum. texel_count: number of texels that
-   both arrays have room for. Call with NULL arrays first to learn sheet_width and sheet_height.
-   Results: INVALID_ARGUMENT (outside the picture, no surface there, not enough room), STATE (no finished picture, or
-   its scene has changed), OUT_OF_MEMORY, GL. On failure sensor stays as it was. */
+/* Shows how the light of pixel (x, y) of the finished picture was measured, by measuring it again. sensor: receives the
+   sums, views, rays and lamps. radiance: NULL, or receives 4 floats per texel of the sheet, first row first: rgb is the
+   radiance, a is the distance to the surface seen, negative for back faces, 0 if there is none. weights: NULL, or
+   receives 1 float per texel; their sum is sensor->weight_sum. texel_count: number of texels that both arrays have room
+   for. Call with NULL arrays first to learn sheet_width and sheet_height. Results: INVALID_ARGUMENT (outside the
+   picture, no surface there, not enough room), STATE (no finished picture, or its scene has changed), OUT_OF_MEMORY,
+   GL. On failure sensor stays as it was. */
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance,
                                       float *weights, size_t texel_count);
 
@@ -1999,6 +2006,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
                   >>guide        sends rays in directions in which nearby rays have found light
+                  >>batch        looks that are measured together, and the textures of their results
                   >>aim          rays towards lamps, and the sequences that all rays follow
                   >>raster       measures by drawing views, as the paper does
                   >>trace        measures by tracing rays
@@ -2096,13 +2104,13 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    look         sbl__look         >>sensors >>job       one part of a sensor's measurement, with its own rotation
    view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
-   batch        sbl__batch        >>guide               looks that are measured together
+   batch        sbl__batch        >>batch               looks that are measured together
    slot                                                 the place of a look of a batch in the textures of its results
    layer                                                layer 0 of light is R, others are harmonics or light groups
    guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
-   tile                                                 a rectangle of pixels with a sensor at each corner
+   spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
    uncertainty                                          a standard error; its square is a variance
    probe        sbl__probe        >>probes              light at a point in the air, for things that move
    front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
@@ -3063,7 +3071,8 @@ typedef struct sbl__record {
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
                                           viewer or, at sites of >>vertices, the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
-#define SBL__BELONGS_RANGE 0.2f        /* from a cosine of BELONGS_COSINE + this on, sbl_belongs ignores the angle */
+#define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
+                                          this */
 #define SBL__BELONGS_PLANE 8.0f        /* sbl_belongs falls from 1 to 0 while this * (larger distance of one point from
                                           the other's plane) / (distance of the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this fraction of a pixel's light to its noise, because nobody
@@ -3075,8 +3084,8 @@ typedef struct sbl__record {
 #define SBL__LOBE_UNIT 65535.0f        /* stands for 1 in sbl__lobe_albedos */
 #define SBL__LOBE_LEAST 1e-3f          /* lower limit of a lobe's albedo where it is a divisor: the albedo of a metal
                                           may be 0 in some colours */
-#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, the light of a triangular lamp in a lobe is a closed
-                                          form */
+#define SBL__LOBE_ROUGH 0.25f          /* at this roughness or more, the light of a triangular lamp in a lobe is
+                                          computed in closed form */
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
@@ -3088,7 +3097,7 @@ typedef struct sbl__record {
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
-#define SBL__GLOSS_MET 0.5f            /* rays find rougher gloss diffuse */
+#define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
@@ -3118,7 +3127,7 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
-    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_MET) X(BLURRED) X(BLURRED_GLOSS) \
+    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
     X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
     X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
     X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
@@ -4542,9 +4551,11 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture and other textures: first row in the texel
-   table, width, height, and SBL__TEXTURE flags; all 0: none. reflectance: of the part that is not metal, along the
-   normal; negative: the material is matte. layer: light_group. The other fields are as in sbl_material */
+/* The material of a mesh, and its id. The other fields are as in sbl_material:
+   id               sbl_mesh.id or, if that is 0, the mesh's index + 1
+   ..._texture      first row in the texel table, width, height, and SBL__TEXTURE flags; all 0: no texture
+   reflectance      of the part that is not metal, along the normal; negative: the material is matte
+   layer            light_group */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -4584,8 +4595,8 @@ typedef struct sbl__geometry {
                                       positions of the implementation are relative to it, unless a comment says that
                                       they are the host's */
     float bounds[2][3];            /* lowest and highest coordinates of all triangles and of draw_bounds */
-    double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
-    float extent;                  /* across + away, in world units; 1 if this is 0. The offsets of sensors from
+    double diagonal, farthest;     /* diagonal of the bounds, and their largest absolute coordinate, in world units */
+    float extent;                  /* diagonal + farthest, in world units; 1 if this is 0. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
                                       and distances in the view texture are multiples of it */
     float hosts_extent;            /* extent for positions that the host gives, which are relative to 0 0 0 */
@@ -4868,7 +4879,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     double hosts_away = 0;
     int i, k;
-    g->across = g->away = 0;
+    g->diagonal = g->farthest = 0;
     for (k = 0; k < 3; k++) {
         g->bounds[0][k] = drawn ? drawn[0][k] : FLT_MAX;
         g->bounds[1][k] = drawn ? drawn[1][k] : -FLT_MAX;
@@ -4883,19 +4894,19 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     if (!drawn && !g->triangle_count) memset(g->bounds, 0, sizeof g->bounds);
     for (k = 0; k < 3; k++) {
         const double low = g->bounds[0][k], high = g->bounds[1][k];
-        g->across += (high - low) * (high - low);
-        g->away = SBL__MAX(g->away, SBL__MAX(fabs(low), fabs(high)));
+        g->diagonal += (high - low) * (high - low);
+        g->farthest = SBL__MAX(g->farthest, SBL__MAX(fabs(low), fabs(high)));
         hosts_away = SBL__MAX(hosts_away, SBL__MAX(fabs(low + g->centre[k]), fabs(high + g->centre[k])));
     }
-    g->across = sqrt(g->across);
-    g->extent = (float)(g->across + g->away);
-    g->hosts_extent = (float)(g->across + hosts_away);
+    g->diagonal = sqrt(g->diagonal);
+    g->extent = (float)(g->diagonal + g->farthest);
+    g->hosts_extent = (float)(g->diagonal + hosts_away);
     if (!(g->extent > 0)) g->extent = 1;
     if (!(g->hosts_extent > 0)) g->hosts_extent = 1;
 }
 
 /* Positions of a scene farther from 0 0 0 than this * its diagonal are stored relative to its middle. */
-#define SBL__CENTRE_AWAY 16.0
+#define SBL__CENTRE_FARTHEST 16.0
 
 /* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
    floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
@@ -4904,7 +4915,7 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
    origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     int i, k;
-    if (g->away <= SBL__CENTRE_AWAY * g->across) return 0;
+    if (g->farthest <= SBL__CENTRE_FARTHEST * g->diagonal) return 0;
     for (k = 0; k < 3; k++)
         g->centre[k] = (float)(g->centre[k] + 0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
     for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
@@ -5235,9 +5246,11 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Scalars of a system (see sbl__solver.together). power, next_power: residual . preconditioned residual, before and
-   after an iteration. along: direction . product. first2, left2: squared length of the preconditioned residual, at the
-   start of the solution and after an iteration. turn: factor of the old direction in the new one (beta) */
+/* Scalars of a system (see sbl__solver.together):
+   power, next_power  residual . preconditioned residual, before and after an iteration
+   along              direction . product
+   first2, left2      squared length of the preconditioned residual, at the start of the solution and after an iteration
+   turn               factor of the old direction in the new one (beta) */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
@@ -5251,7 +5264,8 @@ typedef struct sbl__solver {
     double identity;            /* factor of the identity matrix */
     double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
     double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
-                                   when the equations change. Later solutions may be as inaccurate as the first */
+                                   when the equations change. Later solutions thus need the same absolute precision as
+                                   the first, even if they change less */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
                                    stays 0 */
@@ -5540,7 +5554,7 @@ static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || 
 
 /* Returns the roughness of the lobe in which rays that hit the surface continue, see reflect.glsl; -1: the surface is
    matte. Textures are ignored. reflectance: receives the reflectance of the lobe along the normal */
-static float sbl__met_roughness(const sbl__object *o, float reflectance[3]) {
+static float sbl__hit_roughness(const sbl__object *o, float reflectance[3]) {
     int k;
     if (!sbl__is_specular(o)) return -1;
     for (k = 0; k < 3; k++)
@@ -5556,7 +5570,7 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels show, but is too rough for a perfect one. Textures count as 1. */
+/* Returns 1 if the material is a mirror that pixels show, but is too rough to be a perfect one. Textures count as 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
@@ -5567,8 +5581,8 @@ static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
 
-/* Copies a material into its mesh's object. Raises *brightest to at least an upper limit of the emitted radiance:
-   (largest component of emission) * (largest component of the texture). Returns the features that programs need. */
+/* Copies a material into its mesh's object. Raises *brightest to an upper limit of the emitted radiance: (largest
+   component of emission) * (largest component of the texture). Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const float ior = m->ior > 0 ? m->ior : 1.5f;
     unsigned features = 0;
@@ -5619,12 +5633,12 @@ static int sbl__emits(const sbl__object *o, int back) {
 
 /* Returns 1 if all channels of an object's albedo exceed SBL__BOUNCE_ALBEDO, to which >>bounce limits them. Returns 0
    for objects with an albedo texture. Ignores vertex colours. */
-static int sbl__holds_light(const sbl__object *o) {
+static int sbl__albedo_is_limited(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
+#define SBL__ALBEDO_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
 
 /* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R, with any signs. If
    the surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
@@ -5637,17 +5651,17 @@ static void sbl__reflect(const sbl__object *o, const float light[3], float radia
 }
 
 /* Packs an albedo of 0 .. 1 per channel into 16 bits each. */
-static void sbl__share_pack(const float share[3], uint16_t out[3]) {
+static void sbl__albedo_pack(const float albedo[3], uint16_t out[3]) {
     int k;
-    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
+    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__ALBEDO_ONE * albedo[k] + 0.5f);
 }
 
-/* Adds SBL__SHARE_ONE * (radiance that a surface reflects) to sum. share: albedo of the surface, packed by
-   sbl__share_pack. light: R at the surface */
-static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
-    sum[0] += (float)share[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
-    sum[1] += (float)share[1] * light[1];
-    sum[2] += (float)share[2] * light[2];
+/* Adds SBL__ALBEDO_ONE * (radiance that a surface reflects) to sum. albedo: of the surface, packed by sbl__albedo_pack.
+   light: R at the surface */
+static void sbl__add_reflected(const uint16_t albedo[3], const float light[3], float sum[3]) {
+    sum[0] += (float)albedo[0] * light[0];  /* without a loop, compilers keep the sums of callers' loops in registers */
+    sum[1] += (float)albedo[1] * light[1];
+    sum[2] += (float)albedo[2] * light[2];
 }
 
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
@@ -5783,18 +5797,18 @@ static const char *const sbl__glsl_lobe[] = {
 "    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
 "}\n",
 "\n",
-"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_met on lamps that are not emitting triangles\n",
+"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
 "\n",
 "// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It\n",
 "// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.\n",
-"float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
+"float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
 "\n",
 "#ifdef SBL_LOBE\n",
 "sbl_Lobe lobe;         // the lobe of the look that is measured\n",
 "vec3 lobe_scale;       // 1 / albedo of the lobe: the look measures the mean radiance that the lobe reflects\n",
-"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_met\n",
+"bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_mis\n",
 "\n",
 "void sbl_lobe_begin(int look, vec3 normal) {\n",
 "    float roughness = sbl_lobe_roughness(look);\n",
@@ -5819,15 +5833,15 @@ static const char *const sbl__glsl_material[] = {
 "// This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other\n",
 "// shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
-"uniform bool lamps_apart;  // true: lamps.glsl adds light of emitters; sbl_outgoing adds it times sbl_lamp_met()\n",
+"uniform bool lamps_apart;  // true: lamps.glsl measures emitters, and sbl_outgoing adds them times lamp_mis\n",
 "#ifdef SBL_SPECULAR\n",
-"float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met\n",
+"float lamp_mis = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_mis\n",
 "#endif\n",
 "\n",
-"// Returns the weight with which sbl_outgoing adds emission.\n",
-"float sbl_lamp_met() {\n",
+"// Returns the factor with which sbl_outgoing adds emission.\n",
+"float sbl_emission_weight() {\n",
 "#ifdef SBL_SPECULAR\n",
-"    return lamps_apart ? lamp_met : 1.0;\n",
+"    return lamps_apart ? lamp_mis : 1.0;\n",
 "#else\n",
 "    return lamps_apart ? 0.0 : 1.0;\n",
 "#endif\n",
@@ -5904,10 +5918,10 @@ static const char *const sbl__glsl_material[] = {
 "    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;\n",
 "}\n",
 "\n",
-"// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue\n",
+"// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue\n",
 "// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
-"bool sbl_is_met_as_gloss(sbl_Material m) {\n",
-"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);\n",
+"bool sbl_hit_as_gloss(sbl_Material m) {\n",
+"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);\n",
 "}\n",
 "\n",
 "// Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light\n",
@@ -5957,16 +5971,16 @@ static const char *const sbl__glsl_material[] = {
 "#elif defined(SBL_BOUNCED)\n",
 "    return false;\n",
 "#else\n",
-"    return sbl_emits(object, back) ? sbl_lamp_met() == 0.0 : epsilon <= 0.0;\n",
+"    return sbl_emits(object, back) ? sbl_emission_weight() == 0.0 : epsilon <= 0.0;\n",
 "#endif\n",
 "}\n",
 "\n",
 "// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
-"// and 2. This is the emission of an emitter times sbl_lamp_met(), or epsilon * albedo for other surfaces.\n",
+"// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
-"    if (emits) radiance *= sbl_lamp_met();\n",
+"    if (emits) radiance *= sbl_emission_weight();\n",
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 entry = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(entry, at.uv)).rgb;\n",
@@ -5982,7 +5996,7 @@ static const char *const sbl__glsl_material[] = {
 "// that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
-"    if (sbl_is_met_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
+"    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
 "#endif\n",
 "    return m.albedo;\n",
 "}\n",
@@ -6224,14 +6238,14 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Returns the radiance of a ray that hits nothing. met: MIS weight of the ray for radiance above the limit, which\n",
+"// Returns the radiance of a ray that hits nothing. mis: MIS weight of the ray for radiance above the limit, which\n",
 "// lamps.glsl may sample, too\n",
-"vec3 sbl_sky(vec3 direction, float met) {\n",
+"vec3 sbl_sky(vec3 direction, float mis) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-"        radiance *= 1.0 - (1.0 - met) * sbl_sky_excess(radiance);\n",
+"        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
 "}\n",
@@ -6261,7 +6275,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_BINS 16         /* number of bins per axis into which the triangles of a node are sorted to split it */
 #define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; larger numbers would collide with
                                     SBL__ENTER */
-#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on are split into halves by count, to limit the depth */
+#define SBL__BVH_SAH_DEPTH 32    /* nodes at this depth or deeper are split into halves by count, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
 #define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if each side of its box is shorter than this many steps
                                     of the outer grid */
@@ -6276,8 +6290,11 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid, stored in place of a node. origin: position of step 0. per_length: steps per unit of length. root: index of
-   the grid's first node. around: index of the outer grid; 0 in the outermost grid, whose own index is 0 */
+/* A grid, stored in place of a node:
+   origin           position of step 0
+   per_length       steps per unit of length
+   root             index of the grid's first node
+   around           index of the outer grid; 0 in the outermost grid, whose own index is 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
@@ -6342,7 +6359,7 @@ typedef struct sbl__bvh_split {
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
-typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
+typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__bvh_node_cost;
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
@@ -6353,7 +6370,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     struct sbl__hierarchy *hierarchy;
     uint32_t (*children)[4];     /* elements 2 * n and 2 * n + 1: the children of node n, as in sbl__node */
     sbl__box *boxes;             /* bounds of each triangle */
-    sbl__bvh_work *work;         /* cost of each node */
+    sbl__bvh_node_cost *costs;   /* cost of each node */
     sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; at first, one task for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
@@ -6365,8 +6382,8 @@ typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_work: about the number of nodes and
-                                    triangles that a ray tests */
+    double cost;                 /* highest sum / area of all nodes, see sbl__bvh_node_cost: about the number of nodes
+                                    and triangles that a ray tests */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
@@ -6377,7 +6394,7 @@ static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
     sbl__free(d->base, b->boxes);
-    sbl__free(d->base, b->work);
+    sbl__free(d->base, b->costs);
     sbl__free(d->base, b);
 }
 
@@ -6580,13 +6597,13 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
         for (i = 0; i < t->count; i++)
             sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
-    b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->child / 2;
+    b->costs[node].area = sbl__box_area(&t->bounds.box);
+    b->costs[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
         sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
-        b->work[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        b->costs[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -6618,9 +6635,9 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     sbl__free(d->base, h->order);
     h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
-    b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
+    b->costs = (sbl__bvh_node_cost *)sbl__alloc(d->base, nodes, sizeof *b->costs);
     b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
-    return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
@@ -6657,8 +6674,8 @@ static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarc
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
-    const sbl__bvh_work *node = &b->work[h->node_count - 1 - at];
-    b->work[node->parent].sum += node->sum;
+    const sbl__bvh_node_cost *node = &b->costs[h->node_count - 1 - at];
+    b->costs[node->parent].sum += node->sum;
     if (node->area > 0) h->cost = SBL__MAX(h->cost, node->sum / node->area);
     return SBL_SUCCESS;
 }
@@ -6679,7 +6696,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Uploads a piece of the records of triangles, in the order of the leaves. */
+/* Writes records for the next triangles, in the order of the leaves, and uploads them. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     const sbl__geometry *g = b->geometry;
@@ -6917,8 +6934,8 @@ static const char *const sbl__glsl_traverse[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Raises the chance with which gloss reflects the ray by its lobe (see sbl_face_ray) and with which panes reflect\n",
-"// it. 0 to 1: the probability that the ray was sent to a lamp in a mirror\n",
+"// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes\n",
+"// reflect it. It is the probability that the ray was sent to a lamp in a mirror\n",
 "float chance_least = 0.0;\n",
 "#endif\n",
 "\n",
@@ -6966,19 +6983,22 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps: emitting triangles, lights, and light sources that are too bright for random rays, which
-   are texels of the environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two
-   trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with
-   the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the
-   order of the nodes, then the lights, then the glows.
+   Sensors send rays to lamps: emitting triangles, lights, and what is too bright for random rays: texels of the
+   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Directional lights and
+   texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of distant lamps,
+   hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps (lamps.glsl).
+   One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
 
-/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
-   square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
-   normal / 2 of one-sided and of distant lamps. beyond: index of the node after the subtree; SBL__FAR_NODE is added in
-   the tree of distant lamps. first_leaf: index of the subtree's first leaf */
+/* A node of a lamp tree:
+   middle, radius   a ball around all lamps of its subtree
+   power            the sum of their powers
+   square, mixed    the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write
+   front            sum of power * normal / 2 of one-sided and of distant lamps
+   beyond           index of the node after the subtree; SBL__FAR_NODE is added in the tree of distant lamps
+   first_leaf       index of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -7001,8 +7021,8 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
 /* A triangle that is lit so brightly that it is a lamp. It emits from the side from which its corners run
-   anticlockwise. radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of the
-   scene's triangle that contains it. leaf: index of the store's leaf that holds its light */
+   counter-clockwise. radiance: without albedo texture and vertex colours. triangle: index, in the hierarchy's order, of
+   the scene's triangle that contains it. leaf: index of the store's leaf that holds its light */
 #define SBL__GLOW(X) \
     X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
     X(sbl__glow, VEC3, corner_1) X(sbl__glow, UINT, leaf) \
@@ -7010,10 +7030,14 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
     X(sbl__glow, VEC3, radiance) X(sbl__glow, UINT, unused_1)
 SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
-/* A cluster of lamps in the mirror of a flat surface, see mirrored.glsl. middle, radius: a ball around the mirrored
-   lamps; if `distant` is 1, the direction to them, and the radius of the ball around their unit directions. power: the
-   sum of the lamps' powers. low, high: bounds of the flat surface. normal, offset: its plane is normal * x = offset,
-   and the lamps are on the side of the normal. reflectance, alpha: the reflectance and alpha of its lobe */
+/* A cluster of lamps in the mirror of a flat surface, see mirrored.glsl:
+   middle, radius   a ball around the mirrored lamps; if `distant` is 1, the direction to them, and the radius of the
+                    ball around their unit directions
+   power            the sum of the lamps' powers
+   low, high        bounds of the flat surface
+   normal, offset   its plane is normal * x = offset, and the lamps are on the side of the normal
+   reflectance      reflectance of its lobe
+   alpha            alpha of its lobe */
 #define SBL__MIRRORED(X) \
     X(sbl__mirrored, VEC3, middle) X(sbl__mirrored, FLOAT, radius) \
     X(sbl__mirrored, VEC3, low) X(sbl__mirrored, FLOAT, power) \
@@ -7050,9 +7074,11 @@ typedef struct sbl__lamp {
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
-   lobe. own: its area * its largest reflectance. weight: at least `own`, see sbl__planes_add */
+   lobe. */
 typedef struct sbl__plane {
-    double normal[3], offset, own, weight;
+    double normal[3], offset;
+    double own;                /* area * largest reflectance */
+    double weight;             /* at least `own`, see sbl__planes_add */
     float reflectance[3], alpha;
     sbl__box bounds;
 } sbl__plane;
@@ -7078,6 +7104,8 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     int plane_count;
 } sbl__lamps;
 
+/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees, which
+   sbl__lamps builds */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
@@ -7294,7 +7322,7 @@ static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
     return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
 }
 
-/* Returns 1 if each corner of a triangle is a corner of another triangle. */
+/* Returns 1 if each corner of triangle `one` is at the position of a corner of triangle `other`. */
 static int sbl__corners_within(const sbl__geometry *g, uint32_t one, uint32_t other) {
     int i, k, found = 0;
     for (i = 0; i < 3; i++)
@@ -7310,10 +7338,10 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
     return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
 }
 
-/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays see only one of
-   both, the one of the lower index, and sensors must not add the light of both. Solid triangles with both windings
-   often stand for a surface with two sides. */
-static sbl_result sbl__lamps_claim(void *work, int at) {
+/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
+   triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
+   stand for a surface with two sides. */
+static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__lamp *lamp = &l->list[at], *other;
     const uint32_t number = sbl__lamp_solid(l, lamp);
@@ -7339,7 +7367,7 @@ static sbl_result sbl__lamps_claim(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Removes the lamps whose power is 0. */
+/* Removes the lamps whose power is 0, see sbl__lamps_drop_copy. */
 static int sbl__lamps_compact(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int i, kept = 0;
@@ -7398,7 +7426,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* Returns the index at which to split lamps low .. high: the first lamp in whose curve position the highest differing
    bit is set. Lamps with equal curve positions are split in the middle. */
-static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
+static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
     if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
@@ -7420,7 +7448,7 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
 }
 
 /* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
-static int sbl__lamps_plant(void *work) {
+static int sbl__lamps_make_roots(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int near_count = 0;
     while (near_count < l->count && !l->list[near_count].distant) near_count++;
@@ -7435,7 +7463,7 @@ static sbl_result sbl__lamps_split(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
     if (end - first > 1) {
-        const int cut = sbl__lamps_cut(l, first, end - 1);
+        const int cut = sbl__lamps_split_index(l, first, end - 1);
         sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
@@ -7488,7 +7516,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
    subtrees are on top of the stack, the left one uppermost. */
-static sbl_result sbl__lamps_add_up(void *work, int at) {
+static sbl_result sbl__lamps_sum(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int number = l->node_count - 1 - at;
     sbl__lamp_node *node = &l->nodes[number];
@@ -7545,7 +7573,8 @@ static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
 }
 
 /* >>lamps: lamps in flat mirrors. A sensor's rays would find the light that a narrow lobe reflects from a lamp only by
-   chance. Mirrored lamps tell them where to look (mirrored.glsl). They choose directions, and add no light. */
+   chance. Mirrored lamps give these rays directions in which such light may arrive (mirrored.glsl); they add no
+   light. */
 
 static int sbl__planes_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
@@ -7556,10 +7585,10 @@ static int sbl__planes_candidates(void *work) {
    ignored. */
 static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__plane *plane) {
     const float *corner = sbl__triangle_corner(g, number, 0);
-    const float roughness = sbl__met_roughness(sbl__triangle_object(g, number), plane->reflectance);
+    const float roughness = sbl__hit_roughness(sbl__triangle_object(g, number), plane->reflectance);
     double area;
     int k;
-    if (roughness < 0 || roughness >= SBL__GLOSS_MET) return 0;
+    if (roughness < 0 || roughness >= SBL__GLOSS_ROUGH) return 0;
     plane->alpha = roughness * roughness;
     area = sbl__scene_normal(g, number, plane->normal);
     plane->offset = 0;
@@ -7744,11 +7773,11 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
-        { NULL, sbl__lamps_compact, sbl__lamps_claim, sbl__lamps_count },
+        { NULL, sbl__lamps_compact, sbl__lamps_drop_copy, sbl__lamps_count },
         { sbl__lamps_place, NULL, NULL, NULL },
-        { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
+        { sbl__lamps_sort, sbl__lamps_make_roots, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
-        { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
+        { NULL, NULL, sbl__lamps_sum, sbl__lamps_nodes },
         { NULL, sbl__lamps_mirror, sbl__planes_add, sbl__planes_candidates },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
@@ -7780,8 +7809,9 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). At first,
-   cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. Rays that
-   are shorter than half a cell have cells of their own. Leaves in which the light varies are divided by further cuts.
+   all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A ray
+   that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves in
+   which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -7922,8 +7952,9 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_bucket, but descends through cuts. Returns a pointer to the leaf reference at the position (1 + leaf
-   index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is added. */
+/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the leaf reference at the position (1 +
+   leaf index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is
+   added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -8252,8 +8283,8 @@ static const char *const sbl__glsl_store[] = {
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
 "// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for far rays at this\n",
-"// position if that leaf is bright, otherwise 0. leaf: before: result of sbl_leaf_at for the same parameters;\n",
-"// after: the bright leaf, or 0\n",
+"// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same\n",
+"// parameters; it becomes the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
 "    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
@@ -8291,7 +8322,8 @@ typedef struct sbl__scene {
     sbl__lights lights;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* the store's glows and, unless only_glows, the lamps of `lights`; or empty */
+    sbl__lights bright;         /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
+                                   `lights`; empty if there are no glows */
     struct sbl__glowing *glowing;  /* data for finding the glows; NULL: not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
@@ -8310,11 +8342,11 @@ typedef struct sbl__scene {
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
    units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
    warning beyond them. */
-#define SBL__ACROSS_LEAST 5e-10
-#define SBL__ACROSS_MOST 6e9
-#define SBL__AWAY_MOST 4e3
-#define SBL__SHINES_LEAST 1e-9  /* variances, which are squares of light, vanish below */
-#define SBL__SHINES_MOST 1e17   /* variances overflow above */
+#define SBL__DIAGONAL_LEAST 5e-10
+#define SBL__DIAGONAL_MOST 6e9
+#define SBL__FARTHEST_MOST 4e3
+#define SBL__LIGHT_LEAST 1e-9  /* variances, which are squares of light, vanish below */
+#define SBL__LIGHT_MOST 1e17   /* variances overflow above */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
@@ -8330,7 +8362,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 
 /* Writes all materials into their meshes' objects. Computes s->brightest and the bits of s->features that materials
    determine. */
-static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
+static void sbl__scene_write_materials(sbl__scene *s, const sbl_material *materials) {
     int i, polished = 0, panes = 0;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS | SBL__MIRRORS_BLUR);
@@ -8391,15 +8423,15 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
 /* Logs warnings about scenes whose size or place makes light inexact. Returns 1 if there are none. quiet: 1: logs
    nothing */
 static int sbl__scene_warn_size(const sbl__base *base, const sbl__geometry *g, int quiet) {
-    const double away = g->hosts_extent - g->across;
-    const int sized = g->across >= SBL__ACROSS_LEAST && g->across <= SBL__ACROSS_MOST;
-    const int placed = away <= SBL__AWAY_MOST * g->across;
+    const double away = g->hosts_extent - g->diagonal;
+    const int sized = g->diagonal >= SBL__DIAGONAL_LEAST && g->diagonal <= SBL__DIAGONAL_MOST;
+    const int placed = away <= SBL__FARTHEST_MOST * g->diagonal;
     if (!sized && !quiet)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
-                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+                 "%g to %g: scale the scene", g->diagonal, SBL__DIAGONAL_LEAST, SBL__DIAGONAL_MOST);
     if (!placed && !quiet)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", g->across, away);
+                 "origin, where floats are too coarse; move it to the origin", g->diagonal, away);
     return sized && placed;
 }
 
@@ -8414,10 +8446,10 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
     sbl__scene_warn_size(base, g, 0);
-    if (shining > 0 && ((double)s->lights.unit < SBL__SHINES_LEAST || (double)s->lights.unit > SBL__SHINES_MOST))
+    if (shining > 0 && ((double)s->lights.unit < SBL__LIGHT_LEAST || (double)s->lights.unit > SBL__LIGHT_MOST))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
                  "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
-                 (double)s->lights.unit, SBL__SHINES_LEAST, SBL__SHINES_MOST);
+                 (double)s->lights.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8448,7 +8480,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
             s->geometry.meshes[i].material = mesh->material;
             s->geometry.objects[i].id = mesh->id ? mesh->id : (uint32_t)i + 1;
         }
-        sbl__scene_dress(s, desc->materials);
+        sbl__scene_write_materials(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
         if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
@@ -8462,7 +8494,8 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* Returns the lamps that sensors measure. glows: 1: s->bright if it is ready and has glows; otherwise s->lights */
+/* Returns the lamps that sensors measure: s->bright if `glows` is 1 and s->bright is ready and has glows, otherwise
+   s->lights. */
 static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
     return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
 }
@@ -8505,7 +8538,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     memset(&others, 0, sizeof others);
     memcpy(objects, before.geometry.objects, count * sizeof *objects);
     s->geometry.objects = objects;
-    if (materials) sbl__scene_dress(s, materials);
+    if (materials) sbl__scene_write_materials(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
     if (result == SBL_SUCCESS && lights) sbl__lights_settle(&others, s->geometry.centre);
@@ -9169,7 +9202,8 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
-/* How a front end's sensors measure, as the host requests it */
+/* The measurement that the host requests: how a front end's sensors measure. sbl__spec_make derives a job's spec from
+   it */
 typedef struct sbl__measurement {
     sbl_options options;       /* with defaults; negative epsilons are set to 0. sbl__begin replaces SBL_BACKEND_AUTO */
     sbl_sensor_kind sensor_kind;
@@ -10031,7 +10065,7 @@ static float sbl__facet_unit(const sbl__atlas *a) { return a ? sbl__atlas_texel_
 
 /* Logs the number of triangles without area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if no triangle has
    area in the map. */
-static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
+static sbl_result sbl__atlas_warn_degenerate(const sbl__atlas *a) {
     const int none = a->degenerate == a->triangles;
     if (!a->degenerate) return SBL_SUCCESS;
     sbl__log(a->base, none ? SBL_LOG_ERROR : SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "lightmap: %d of %d "
@@ -10056,7 +10090,7 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->positions);
     a->parents = NULL;
-    return sbl__atlas_tell_degenerate(a);
+    return sbl__atlas_warn_degenerate(a);
 }
 
 /* The triangles that a texel and its neighbours of the same chart show, and the part of the texel that they may
@@ -10234,7 +10268,7 @@ static sbl_result sbl__atlas_mark_row(void *work, int row) {
 }
 
 /* Draws the atlas in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
-   sbl__atlas_tell_degenerate. */
+   sbl__atlas_warn_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
@@ -10263,8 +10297,9 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_LOBE, SBL__GBUFFER_COUNT };
 
-/* Sets of textures of a G-buffer, as bits. ALL: the set that refinement reads; SAMPLE and TEXEL: the sets that later
-   work reads. A picture with materials that are not matte also has the textures LOBES. */
+/* Sets of textures of a G-buffer, as bits. SBL__GBUFFER_ALL is the set that refinement reads; ..._SAMPLE and ..._TEXEL
+   are the sets that later work reads. A picture with materials that are not matte also has the textures
+   SBL__GBUFFER_LOBES. */
 #define SBL__GBUFFER_LOBES (1 << SBL__GBUFFER_SPECULAR | 1 << SBL__GBUFFER_LOBE)
 #define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_SPECULAR) - 1)
 #define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* textures that >>resolve
@@ -10610,7 +10645,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
 "// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
 "// the borders of their cells.\n",
-"// points: 25, or 0 if the result is not needed\n",
+"// points: 25, or 0 if the result is not needed, which then is 0\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -10652,6 +10687,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
+"// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
@@ -10704,8 +10740,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The\n",
-"// stored light replaces it.\n",
+"// sbl_follow may end at a surface that lets light pass, and then does not find what is behind it. Returns a\n",
+"// substitute: the transmitted fraction, times the stored light of the surface itself.\n",
 "vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {\n",
 "    vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));\n",
 "#ifdef SBL_BOUNCED\n",
@@ -10752,10 +10788,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);\n",
 "}\n",
 "\n",
-"// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0\n",
-"// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,\n",
-"// with the stored light there: the reflection of a pane, or the view through a surface that transmits little\n",
-"// light. On its way, it passes through surfaces that let light pass. point: see sbl_mirrored\n",
+"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a\n",
+"// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:\n",
+"// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that\n",
+"// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see\n",
+"// sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -11166,7 +11203,7 @@ typedef struct sbl__site {
 /* Number of textures for the layers of `groups` light groups: 3 floats per layer, packed into texels of 4 floats. */
 #define SBL__LAYER_TEXTURES(groups) ((3 * (groups) + 3) / 4)
 
-/* How all sensors of a job measure light */
+/* The spec of a job: how all of its sensors measure light */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: views are not rotated, weights follow equation 4,
@@ -11252,9 +11289,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 
 /* >>sensors: specular lobes */
 
-/* The specular lobe of a look; the table of lobes is parallel to the table of looks. view: direction to the viewer;
-   roughness, reflectance: see lobe.glsl; albedo: directional albedo, at least SBL__LOBE_LEAST; xx, xz, zx, zz: elements
-   of the matrix that transforms the lobe to a cosine lobe; yy is 1, all others are 0 */
+/* The specular lobe of a look. The table of lobes is parallel to the table of looks:
+   view             direction to the viewer
+   roughness, reflectance  see lobe.glsl
+   albedo           directional albedo, at least SBL__LOBE_LEAST
+   xx, xz, zx, zz   elements of the matrix that transforms the lobe to a cosine lobe; yy is 1, all others are 0 */
 #define SBL__LOBE_RECORD(X) \
     X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
     X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, zx) X(sbl__lobe, FLOAT, zz) \
@@ -11452,11 +11491,11 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 }
 
 /* ======================================================================================================== >>guide
-   Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
-   example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy, >>refine traces
-   scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again. A guide is a
-   histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours found. Its
-   bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
+   Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
+   a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
+   >>refine traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
+   A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
+   found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
    distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
    the guide raised the probability of its bin. The expected value stays the same, and the noise falls (scene
    living-room: to a fifth of the variance).
@@ -11623,7 +11662,9 @@ static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
     return result == SBL_SUCCESS ? sbl__texture_write(d, &g->texture, 0, rows, g->words) : result;
 }
 
-/* >>sensors: data of both kinds of sensors, rasterised and traced */
+/* ======================================================================================================== >>batch
+   What rasterised and traced sensors have in common: batches of looks, which are measured together, and the textures
+   of their results. */
 
 /* Slots for looks, side by side in textures. Look n of a job uses slot n % count, so that results do not depend on how
    the job is divided into batches. */
@@ -11842,10 +11883,11 @@ static int sbl__rays_most(const sbl__hierarchy *h, int iterations, int limit, in
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns once per scene that rays were lost. told: last scene version with a warning; count, what: begin the message */
-static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t version, int count, const char *what) {
-    if (*told == version) return;
-    *told = version;
+/* Warns once per scene that rays were lost. warned: last scene version with a warning; count, what: begin the
+   message */
+static void sbl__rays_warn(const sbl__device *d, uint32_t *warned, uint32_t version, int count, const char *what) {
+    if (*warned == version) return;
+    *warned = version;
     sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_LOST_RAYS, "%d %s, because the driver (%s) ends loops of shaders "
              "early; use a GPU, or fewer surfaces with holes and fewer long, thin triangles", count, what,
              d->gl.capabilities.renderer);
@@ -11996,8 +12038,8 @@ static const char *const sbl__glsl_lamp[] = {
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
-"float above;                 // distance of `stand` from the surface\n",
+"vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
+"float above;                 // distance of `ray_origin` from the surface\n",
 "mat3 to_frame;               // the sensor's frame, for closed forms\n",
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
@@ -12276,13 +12318,13 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_met. Rays do not hit\n",
+"// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_mis. Rays do not hit\n",
 "// lights (point, spot and directional), whose weight is 0.\n",
-"float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
+"float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
 "    float lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
 "        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
-"    return sbl_is_light(l) ? 0.0 : sbl_lobe_met(lobe_density, lamp_density);\n",
+"    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -12384,7 +12426,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
 "const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const float SBL_PASS_ENTRIES = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
 "const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,\n",
@@ -12409,10 +12451,10 @@ static const char *const sbl__glsl_lamps[] = {
 "uniform float extent;           // scene extent in world units: unit of the view texture's distances\n",
 "\n",
 "const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
-"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray\n",
+"const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction\n",
-"// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.\n",
+"// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths\n",
+"// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float rotation = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -12422,7 +12464,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
-"    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
+"    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {\n",
 "        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
 "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
@@ -12446,7 +12488,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
-"        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
+"        if (attempt == SBL_TEXELS_COMPARED - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
 "            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);\n",
 "    }\n",
 "    return true;\n",
@@ -12459,8 +12501,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                             // lights are stored backwards from the array's end\n",
 "float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i\n",
 "int used, certain;           // number of entries at the array's start; number of point lights at its end\n",
-"float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
-"float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries\n",
+"float total, strengths2;     // sums of the strengths of the `used` entries, and of their squares\n",
+"float lamp_strengths2;       // estimate of strengths2 if all lamps of clusters were entries\n",
 "mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that\n",
 "                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
 "                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
@@ -12553,8 +12595,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        else if (point) entries[SBL_LAMPS - ++certain] = leaf;\n",
 "        else {\n",
 "            total += strength;\n",
-"            crowd += strength * strength;\n",
-"            crowd_within += strength * strength / float(lamps);\n",
+"            strengths2 += strength * strength;\n",
+"            lamp_strengths2 += strength * strength / float(lamps);\n",
 "            strengths[used] = total;\n",
 "            entries[used++] = single ? leaf : -1 - i;\n",
 "        }\n",
@@ -12568,7 +12610,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    bool full = true;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
-"        total = crowd = crowd_within = 0.0;\n",
+"        total = strengths2 = lamp_strengths2 = 0.0;\n",
 "        whole = mat2x3(0);\n",
 "        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
 "#ifdef SBL_GROUPS\n",
@@ -12632,8 +12674,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;\n",
 "#ifdef SBL_LOBE\n",
 "    unhindered *= sbl_cosine_factor(s.direction);\n",
-"    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
-"    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
+"    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
+"    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
 "    vec4 counts = vec4(0);\n",
@@ -12651,9 +12693,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
-"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
+"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);\n",
 "    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
 "                            SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
@@ -12709,7 +12751,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Returns the variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has\n",
 "// smaller strata. The variable `lamps` is the effective number of lamps, including those in clusters.\n",
 "float sbl_strata(float n) {\n",
-"    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
+"    float lamps = total * total / max(lamp_strengths2, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
@@ -12802,8 +12844,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided\n",
 "// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
 "int sbl_pass_count() {\n",
-"    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
-"    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
+"    float passes_most = SBL_PASS_ENTRIES * strengths2 / max(total * total, 1e-37);\n",
+"    int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;\n",
 "    while (2 * power <= passes) power *= 2;\n",
 "    return power;\n",
 "}\n",
@@ -12831,9 +12873,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (look < 0 || look >= count) sbl_leave;\n",
 "#endif\n",
 "    n = sbl_look_normal(look);\n",
-"    stand = sbl_look_position(look);\n",
+"    ray_origin = sbl_look_position(look);\n",
 "    above = sbl_look_offset(look);\n",
-"    position = stand - above * n;\n",
+"    position = ray_origin - above * n;\n",
 "    to_frame = transpose(sbl_frame(n));\n",
 "#ifdef SBL_LOBE\n",
 "    sbl_lobe_begin(look, n);\n",
@@ -13587,7 +13629,7 @@ static const char *const sbl__glsl_reflect[] = {
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
-"                             // (sbl_lobe_met); 0: ignore lamps that the ray hits\n",
+"                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits\n",
 "\n",
 "// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines\n",
 "// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is\n",
@@ -13596,7 +13638,7 @@ static const char *const sbl__glsl_reflect[] = {
 "// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
 "    hit_shines = sbl_shines(m, m.reflectance);\n",
-"    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {\n",
+"    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
 "        vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;\n",
 "        vec3 across = cross(side_1, side_2);\n",
@@ -13641,7 +13683,7 @@ static const char *const sbl__glsl_reflect[] = {
 "// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,\n",
 "// Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
 "#ifdef SBL_LOBE\n",
-"const int SBL_LAMP_TRIES = 1;  // more make the sensors of lobes slower, but not better\n",
+"const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better\n",
 "#else\n",
 "const int SBL_LAMP_TRIES = 8;\n",
 "#endif\n",
@@ -13657,8 +13699,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    vec3 light = vec3(0);\n",
 "    float all = 0.0;\n",
 "    for (int k = 1; k <= SBL_LAMP_TRIES; k++) {\n",
-"        float met = sbl_met_by_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
-"        vec3 found = (1.0 - met) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
+"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
+"        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
 "        float weight = found.r + found.g + found.b;\n",
 "        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect\n",
 "        all += weight;\n",
@@ -13675,7 +13717,7 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or shines (see SBL_LEGS): the ray to a lamp and the\n",
+"// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the\n",
 "// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
@@ -13688,8 +13730,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    n = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
-"    stand = position + above * n;\n",
-"    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
+"    ray_origin = position + above * n;\n",
+"    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Lobe shine;\n",
@@ -13702,7 +13744,7 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_LOBE\n",
 "        float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);\n",
 "#else\n",
-"        float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
+"        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
 "#endif\n",
 "        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
 "        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);\n",
@@ -13752,9 +13794,9 @@ static const char *const sbl__glsl_trace[] = {
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
-"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
-"uniform float ray_length;             // rays end at this length and see the sky\n",
-"uniform float distance_limit;         // in the mean distance, larger distances count as this one\n",
+"uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
+"uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -13776,7 +13818,7 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
-"float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows\n",
+"float sky_mis = 0.0, glow_mis = 0.0;  // MIS weights, like lamp_mis, for bright texels of the sky and for glows\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
 "uniform int sky_layer;          // layer of the sky\n",
@@ -13801,10 +13843,10 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
-"// the hit is near or its surface shines, otherwise false. If true, further rays find the reflected light, which\n",
-"// the result lacks, except that the diffuse part of a surface that shines reflects stored light. material: set\n",
-"// only with SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the\n",
-"// sensor.\n",
+"// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
+"// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.\n",
+"// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which\n",
+"// lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13836,9 +13878,9 @@ static const char *const sbl__glsl_trace[] = {
 "        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
-"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
+"        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
 "        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,\n",
-"                       (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
+"                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
 "#endif\n",
@@ -13857,9 +13899,9 @@ static const char *const sbl__glsl_trace[] = {
 "// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract\n",
 "// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced\n",
 "// light. The last segment reads the store at any distance.\n",
-"const int SBL_LEGS = 3;\n",
+"const int SBL_SEGMENTS = 3;\n",
 "#else\n",
-"const int SBL_LEGS = 1;\n",
+"const int SBL_SEGMENTS = 1;\n",
 "#endif\n",
 "\n",
 "void main() {\n",
@@ -13934,29 +13976,29 @@ static const char *const sbl__glsl_trace[] = {
 "        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
 "        throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);\n",
 "        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
-"        glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
+"        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
 "        vec3 way = direction;\n",
 "        float limit = ray_length;\n",
 "        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
 "        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
 "        // each iteration.\n",
-"        int legs = SBL_LEGS;\n",
+"        int segments = SBL_SEGMENTS;\n",
 "#ifdef SBL_LOBE\n",
 "        bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon\n",
-"        if (is_below) legs = 0;\n",
+"        if (is_below) segments = 0;\n",
 "#endif\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"        if (weight <= 0.0) legs = 0;  // below the horizon\n",
+"        if (weight <= 0.0) segments = 0;  // below the horizon\n",
 "#endif\n",
-"        for (int leg = 0; leg < legs; leg++) {\n",
+"        for (int segment = 0; segment < segments; segment++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "            throughput *= sbl_tint;\n",
 "            if (hit.triangle < 0) {\n",
 "#ifdef SBL_SPECULAR\n",
-"                sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
+"                sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"                vec3 seen_sky = throughput * sbl_sky(direction, sky_met);\n",
+"                vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);\n",
 "                sum.rgb += seen_sky;\n",
 "                sbl_add_layer(sky_layer, seen_sky);\n",
 "                break;\n",
@@ -13964,8 +14006,8 @@ static const char *const sbl__glsl_trace[] = {
 "            bool goes_on;\n",
 "            sbl_Material material;\n",
 "#ifdef SBL_SPECULAR\n",
-"            lamp_met = 0.0;\n",
-"            if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));\n",
+"            lamp_mis = 0.0;\n",
+"            if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));\n",
 "#endif\n",
 "            vec3 position = from + direction * hit.distance;\n",
 "#ifdef SBL_GROUPS\n",
@@ -13974,11 +14016,12 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "            arriving = direction;\n",
 "#endif\n",
-"            sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);\n",
+"            sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,\n",
+"                                                 material);\n",
 "#ifdef SBL_SPECULAR\n",
 "            chance_least = 0.0;\n",
 "#endif\n",
-"            if (leg == 0) {\n",
+"            if (segment == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
@@ -13986,7 +14029,7 @@ static const char *const sbl__glsl_trace[] = {
 "            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
-"            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * leg)));\n",
+"            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * segment)));\n",
 "            from = next.from;\n",
 "            sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
 "            if (between.triangle < 0 || between.number == next.number) {\n",
@@ -14036,11 +14079,11 @@ static const char *const sbl__glsl_mirrored[] = {
 "#define SBL_SEES_MIRRORED\n",
 "uniform int mirrored_count;               // number of records in the scene\n",
 "\n",
-"const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light\n",
+"const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * light of the mirrored\n",
-"                                          // lamps / light of the brightest of them itself, if nothing blocks it)\n",
+"const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * (light of the mirrored\n",
+"                                          // lamps) / (direct light of the brightest of them if nothing blocks it))\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
@@ -14048,7 +14091,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
 "\n",
-"// Puts a mirrored lamp into the sorted list, which keeps those of the largest chances.\n",
+"// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.\n",
 "void sbl_mirrored_add(vec4 way, float chance) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        bool before = chance > mirrored_chance[k];\n",
@@ -14084,8 +14127,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
-"        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
-"        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));\n",
+"        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
+"        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
 "        float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);\n",
@@ -14209,7 +14252,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
                                       sbl__spec.size; its square is added to a look's variance; measured in a box with a
                                       lamp */
 
-/* The work of a job. The caller must keep the arrays until the job is done. */
+/* What a job measures. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
     const sbl__site *sites;
@@ -14260,7 +14303,7 @@ typedef struct sbl__job {
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
     int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
-    uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
+    uint32_t warned_scene;        /* version of the scene for which sbl__rays_warn has warned */
     int look_end;               /* 1 + index of the round's last look. The round's first look has the index
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
@@ -14295,10 +14338,10 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     memset(j, 0, sizeof *j);
 }
 
-/* >>job: how sensors see */
+/* >>job: the spec of a job */
 
-/* Derives the spec of a job from the host's options, with defaults and back end filled in. Except in the paper's mode,
-   sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
+/* Derives the spec of a job from the measurement that the host requests, with defaults and back end filled in. Except
+   in the paper's mode, sbl__scene_step must have finished the scene. Fields that no option determines become 0. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -14618,9 +14661,9 @@ static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
-/* Draws a batch of `room` looks (at least one; traced: whole lots), or fewer if spec.batch, the slots or the round
-   allow no more. If `room` is less than the batch of views, draws only a part of the scene's triangles to them, and the
-   next call continues this batch. units: receives the work done, in looks */
+/* Draws a batch of `room` looks, but at least one (if rays are traced: whole lots), and at most as many as spec.batch,
+   the slots and the round allow. If views are drawn and `room` is less than the batch, draws only a part of the scene's
+   triangles, and the next call continues with the same batch. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -14760,7 +14803,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* Reduces drawn looks to their results, for as many rows of slots as the slice allows. */
+/* Adds up the views or rays of drawn looks to one result per look, for as many rows of slots as the slice allows. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -14901,13 +14944,13 @@ static int sbl__job_lost(sbl__job *j) {
         j->divisor = SBL__MAX(1, j->divisor) * SBL__DIVISOR_STEP;
         return 1;
     }
-    sbl__rays_warn(j->device, &j->told_scene, j->scene->version, j->lost, "sensors are invalid");
+    sbl__rays_warn(j->device, &j->warned_scene, j->scene->version, j->lost, "sensors are invalid");
     return 0;
 }
 
-/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete, begins the job
-   again if looks were lost; otherwise starts the stuck tests if this was the sites' round and some sites are
-   suspects. */
+/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete: begins the job
+   again if looks were lost; otherwise, after the round of the sites' looks, starts the round of stuck tests if there
+   are suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -14973,7 +15016,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Returns the fraction of the job that is done, 0 to 1. The few stuck tests are not counted. */
+/* Returns the fraction of the job that is done, 0 to 1. Stuck tests do not count, because they are few. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
@@ -15038,7 +15081,18 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
    object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
-   a flat surface cuts all cells along its contact line. */
+   a flat surface cuts all cells along its contact line.
+
+   The stages, which are the rows of sbl__bounce_stages; braces mark what is repeated until nothing is new:
+
+       cells and points   PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
+       light of lamps     RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT
+       all bounces        { GATHER }
+       division           SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
+       light groups       LAYERS -> { LAYERS_GATHER }
+       glows              SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
+       uncertainty        NOISE -> { PROPAGATE } -> UNCERTAINTY -> LAYERS_SCALE
+       the end            LAMPS -> SEND -> AIR */
 
 /* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
@@ -15046,9 +15100,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
                                       by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
-#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 (see SBL__LEVELS) */
-#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
-#define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
+#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
+#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
+#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
 #define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
                                       the size of cells is found */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
@@ -15139,48 +15193,52 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
-/* The hit of a ray, or a surface sample. distance: length of the ray in world units; for a surface sample, length of
-   the shortest of its rays that hit a surface, or SBL__UNSEEN. side: (index of the triangle in the scene) << 1 | back;
-   SBL__NOWHERE: the ray hit nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE; valid after
-   sbl__bounce_link, and before that only if `current` is 1. albedo: of the surface, see sbl__share_pack. by_metal: 1:
-   the ray had reflected off metal before this hit. current: 1: `leaf` is valid and stays so until a cut splits that
-   leaf. sbl__bounce_place sets it for any queued hit; it is tested only for hits of points' rays */
+/* The hit of a ray, or a surface sample */
 typedef struct sbl__hit {
-    float position[3], distance;
-    uint32_t side, leaf;
-    uint16_t albedo[3];
-    uint8_t by_metal, current;
+    float position[3];
+    float distance;    /* length of the ray in world units; for a surface sample, length of the shortest of its rays
+                          that hit a surface, or SBL__UNSEEN */
+    uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
+    uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__bounce_link, and before
+                          that only if `current` is 1 */
+    uint16_t albedo[3];  /* of the surface, see sbl__albedo_pack */
+    uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
+    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__bounce_place sets it for
+                          any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
-/* A point of a leaf. leaf: index of the leaf; number: index among the leaf's points; measured: 1: `light` and `valid`
-   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows; shine: R that metal
-   reflects from lamps and the sky, see cast.glsl */
+/* A point of a leaf */
 typedef struct sbl__bounce_point {
     sbl__hit at;
-    int leaf, number, measured, valid;
-    float light[3], shine[3];
+    int leaf;          /* index of the leaf */
+    int number;        /* index of the point among the leaf's points */
+    int measured;      /* 1: `light` and `valid` are set */
+    int valid;         /* 1: the reading at the point is valid */
+    float light[3];    /* R from lamps, later also from glows */
+    float shine[3];    /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
 /* The part of the iteration's sum that one ray of a valid point adds in each round: the light of a leaf times the
-   albedo, see sbl__share_pack. Rays that add nothing are left out. */
+   albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
-/* A leaf while the store is filled. points: number of points; most: maximum number of points, see >>bounce: division;
-   first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
-   readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf at
-   its first point; otherwise 0; share: approximate fraction of its cell that it covers after divisions; cut: number of
-   points whose rays had been cast when a cut last split the leaf: the hits of these rays may lie on the other side of
-   the cut and must be placed again, those of later points need not; 0: no cut has split the leaf since all hits were
-   last placed again; read_end: 1 + index of the leaf's last read. Its first read follows the last read of the leaf
-   before it. */
+/* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
-    int points, most, first, valid, bright;
-    float share;
-    int cut, read_end;
+    int points;        /* number of points */
+    int most;          /* maximum number of points, see >>bounce: division */
+    int first;         /* index of the first point, which the others follow once points are sorted */
+    int valid;         /* number of points with valid readings */
+    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf
+                          at its first point; otherwise 0 */
+    float share;       /* approximate fraction of its cell that the leaf covers after divisions */
+    int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
+                          it since all hits were last placed again. The hits of these rays may lie on the other side
+                          of the cut and must be placed again; those of later points need not */
+    int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
 enum {
@@ -15188,8 +15246,9 @@ enum {
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
     SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SPREAD,
     SBL__BOUNCE_REGIONS, SBL__BOUNCE_SCORE, SBL__BOUNCE_DIVIDE, SBL__BOUNCE_LAYERS, SBL__BOUNCE_LAYERS_GATHER,
-    SBL__BOUNCE_SHINE, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
-    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SHARES, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_SUM_FOUND, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
+    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_LAYERS_SCALE, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 };
 
 /* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
@@ -15221,8 +15280,8 @@ typedef struct sbl__bounce {
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
-    double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
-                                        each position gets two samples, one on each side */
+    double samples_due;              /* number of positions that surface samples should have on the triangles visited so
+                                        far; each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples, spread over all surfaces */
     sbl__hits queue;                 /* hits that may become points. Its list points into samples, hits or released */
     sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
@@ -15248,8 +15307,8 @@ typedef struct sbl__bounce {
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
     sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
                                         state */
-    float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
-                                        (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
+    float *direct;                   /* 3 floats per leaf: direct light; in the stages SUM_FOUND and CHOOSE, sums over
+                                        rays (see sbl__bounce_sum_found); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
@@ -15316,10 +15375,10 @@ static const char *const sbl__glsl_cast[] = {
 "    throughput *= next.throughput * sbl_tint;\n",
 "    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
 "    if (hit.triangle < 0) {\n",
-"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));\n",
+"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
 "        return light + parts.rgb;\n",
 "    }\n",
-"    lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));\n",
+"    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
 "    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
@@ -15446,7 +15505,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float position[4], const 
     out->distance = (float)sqrt(length2);
     out->leaf = SBL__NOWHERE;
     out->side = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (position[3] < 0);
-    sbl__share_pack(albedo, out->albedo);
+    sbl__albedo_pack(albedo, out->albedo);
     out->by_metal = shine && shine[3] > 0;
 }
 
@@ -15502,7 +15561,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
         lost += of[1][3] < 0;
     }
     sbl__free(d->base, rays);
-    if (lost) sbl__rays_warn(d, &b->core->job.told_scene, b->core->scene.version, lost, "rays of bounced light miss");
+    if (lost) sbl__rays_warn(d, &b->core->job.warned_scene, b->core->scene.version, lost, "rays of bounced light miss");
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
     b->core->stats.sensors.readbacks += outputs;
@@ -15813,9 +15872,10 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
 }
 
 /* Called when an attempt leaves much of the store free. Returns the factor, below 1, of the cells' area for the next
-   attempt. Returns 1 if cells have their smallest size, if rays hit no leaf or too few per leaf, or if smaller cells
-   did not double the number of leaves that rays hit. The last does not count if many rays are shorter than half a cell:
-   surfaces that see each other may be smaller than cells, so that new leaves come only after several attempts. */
+   attempt. Returns 1 (no further attempt) if cells have their smallest size, if rays hit no leaf or too few per leaf,
+   or if smaller cells did not double the number of leaves that rays hit. This last condition is ignored if many rays
+   are shorter than half a cell: surfaces that see each other may be smaller than cells, so that new leaves appear only
+   after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
@@ -15835,8 +15895,8 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
-/* Returns the next stage after an attempt with one size of cells: another attempt, or the end of the search. If black
-   surfaces take most leaves, they are left out of the search, and join in the last attempt. */
+/* Returns the stage that follows an attempt with one size of cells: GRID for another attempt, or RELOCATE if the size
+   is found. If black surfaces take most leaves, they get none in the following attempts, and join in the last one. */
 static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
     const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
@@ -15854,19 +15914,21 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
-/* Marks all leaves as not cut, because all hits have been placed since the last cut. */
-static void sbl__bounce_all_found(sbl__bounce *b) {
+/* Forgets which leaves have been cut (sets `cut` of all leaves to 0), because all hits have been placed since the last
+   cut. */
+static void sbl__bounce_forget_cuts(sbl__bounce *b) {
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
 }
 
-/* Returns the stage after PLACE: GRID if cells must grow; rays from new leaves and points until none are new; points at
-   surface samples; finally the stage that sbl__bounce_after_attempt returns or, after a division, RELOCATE. */
+/* Returns the stage after PLACE. GRID: cells must grow. CAST_CONTACTS, CAST_POINTS: leaves or points are new. PLACE:
+   hits must be placed again, or the surface samples come next. In the end, the stage that sbl__bounce_after_attempt
+   returns or, after a division, RELOCATE. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
-    if (b->rechecking) sbl__bounce_all_found(b);
+    if (b->rechecking) sbl__bounce_forget_cuts(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
@@ -16241,7 +16303,7 @@ static sbl_result sbl__bounce_link(void *work, int at) {
 }
 
 static int sbl__bounce_after_link(void *work) {
-    sbl__bounce_all_found((sbl__bounce *)work);
+    sbl__bounce_forget_cuts((sbl__bounce *)work);
     return SBL__BOUNCE_SITES;
 }
 
@@ -16446,7 +16508,7 @@ static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
 
 static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
 
-/* Writes the reads of a leaf behind the reads of the leaf before it. */
+/* Writes the reads of a leaf (see sbl__bounce_read). They follow those of the leaf before it. */
 static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
     sbl__bounce_leaf *state = &b->states[leaf];
     int i, end = sbl__first_read(b, leaf);
@@ -16487,7 +16549,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
+#define SBL__BOUNCE_UNIT (SBL__ALBEDO_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
@@ -16541,7 +16603,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
 static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
     int i, white = 0;
-    for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
+    for (i = 0; i < g->mesh_count; i++) white += sbl__albedo_is_limited(&g->objects[i]);
     if (!white || !(all > SBL__BOUNCE_BRIGHT * direct) || b->store->warned) return;
     sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g in a scene with "
              "much bounced light; bounced light uses %g instead, because closed rooms with such walls would never grow "
@@ -16553,7 +16615,7 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
    come first if the scene has light groups */
 static int sbl__bounce_next(const sbl__bounce *b, int layers) {
     if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
-    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SUM_FOUND;
 }
 
 /* Returns GATHER for another round, or the stage after the last round. In the first rounds, scales gathered light, per
@@ -16674,7 +16736,7 @@ static int sbl__bounce_after_layers_gather(void *work) {
 }
 
 /* Scales the layers of a leaf so that they add up to its light. This corrects the remaining error of the iteration. */
-static sbl_result sbl__bounce_shares(void *work, int at) {
+static sbl_result sbl__bounce_layers_scale(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     float *layers = b->store->layers + (size_t)floats * (size_t)at;
@@ -16700,11 +16762,14 @@ static int sbl__bounce_grouped_leaves(void *work) {
    uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by
    chance would be divided and become darker, and leaves that are dark by chance would stay as they are. */
 
-/* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. hits: number of rays;
-   weight: sum of the squares of the luminance of the albedo at the hit; offsets, squares: per axis, sum of the
-   positions relative to the leaf's first point, and of their squares; score: weight * (variance of the light in the
-   leaf's region) / (mean square of all light) */
-typedef struct sbl__spread { double hits, weight, offsets[3], squares[3], score; } sbl__spread;
+/* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. */
+typedef struct sbl__spread {
+    double hits;        /* number of rays */
+    double weight;      /* sum of the squares of the luminance of the albedo at the hit */
+    double offsets[3];  /* per axis, sum of the positions relative to the leaf's first point */
+    double squares[3];  /* per axis, sum of the squares of these positions */
+    double score;       /* weight * (variance of the light in the leaf's region) / (mean square of all light) */
+} sbl__spread;
 
 /* Sums over the points of a region. Each point has the weight sbl__point_weight. points: number of points; light: sum
    of the luminance of R; squares: sum of its square */
@@ -16755,7 +16820,7 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
         if (hits[j].leaf == SBL__NOWHERE) continue;
         to = &b->division->spreads[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
-        share = (double)(sbl__luminance(reflected) / SBL__SHARE_ONE);
+        share = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
         to->hits += w;
         to->weight += w * share * share;
         for (k = 0; k < 3; k++) {
@@ -16825,7 +16890,7 @@ static sbl_result sbl__bounce_score(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Decides whether the round changes anything, and from which class on leaves are divided. */
+/* Decides whether the round changes anything, and in which classes leaves are divided (b->division->least). */
 static int sbl__bounce_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
@@ -16931,7 +16996,7 @@ static int sbl__brighter(const void *first, const void *second) {
    no longer needed. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit the leaf, float 1 is
    the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. b->direct
    ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
-static sbl_result sbl__bounce_shine(void *work, int at) {
+static sbl_result sbl__bounce_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
     const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
@@ -16949,7 +17014,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
             light = (double)sbl__luminance(sum);
         } else {
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
-            light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+            light = (double)(sbl__luminance(sum) / SBL__ALBEDO_ONE);
         }
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
@@ -17025,7 +17090,7 @@ static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
 }
 
-/* Marks a leaf as bright by a negative red, and adds its cell to the store's list. */
+/* Marks a leaf as bright: makes the red of its light negative, and adds its cell to the store's list. */
 static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__store *s = b->store;
     s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
@@ -17104,7 +17169,7 @@ static int sbl__bounce_after_glow(void *work) {
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
-    return SBL__BOUNCE_SHARES;
+    return SBL__BOUNCE_LAYERS_SCALE;
 }
 
 /* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
@@ -17143,7 +17208,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Replaces the light by its noise, so that further rounds propagate the noise along the same rays. */
+/* Replaces the light of all leaves by their noise, so that further rounds propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -17172,7 +17237,7 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
-    light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
+    light = (double)sbl__luminance(reflected) / SBL__ALBEDO_ONE;
     sbl__side_normal(b->geometry, hit->side, other);
     for (k = 0; k < 3; k++) {
         const double step = (double)(hit->position[k] - at->position[k]) / (double)hit->distance;
@@ -17342,13 +17407,13 @@ static const sbl__stage_row sbl__bounce_stages[] = {
     { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
     { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
+    { NULL, NULL, sbl__bounce_sum_found, sbl__bounce_points },
     { sbl__bounce_choose, NULL, NULL, NULL },
     { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
     { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
     { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_shares, sbl__bounce_grouped_leaves },
+    { NULL, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves },
     { sbl__bounce_lamps, NULL, NULL, NULL },
     { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
     { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
@@ -17395,8 +17460,10 @@ static float sbl__bounce_progress(const sbl__core *c) {
                : SBL__BOUNCE_LIT;
 }
 
-/* Does a piece of the preparation for a measurement: hierarchy and lamps, except in SBL_MODE_PAPER; in SBL_MODE_GI also
-   store and glows. Returns SBL_UNFINISHED until all is ready, then SBL_SUCCESS. */
+/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
+   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
+   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
+   SBL_SUCCESS. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -17726,6 +17793,14 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
+   The stages, of which those of guides and places are only needed in some pictures and lightmaps:
+
+       rounds    TILES -> { COLLECT -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
+       guides    after a first round that is too noisy: RESTART -> COLLECT_SCOUTS -> SCOUT -> TAKE_SCOUTS -> GUIDES,
+                 then the first round again. With more rays per look instead of guides, only RESTART
+       places    in lightmaps, after TAKE, for hidden centres of texels: COLLECT_PLACES -> SEARCH -> TAKE_PLACES ->
+                 COLLECT
+
    Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
    mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; only
    >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
@@ -17835,7 +17910,7 @@ typedef struct sbl__pixel_lobe {
 #define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
                                            through the hierarchy */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
-/* What a round buys: splits of tiles, and looks of sensors. */
+/* A round buys splits of tiles, and looks of sensors. */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
@@ -18500,8 +18575,9 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Returns the absolute squared difference between R at a pixel and R interpolated from a tile's corners, in luminance;
-   0 if lobes are narrow or no corner fits. Light in wide lobes changes in about the same areas as R. */
+/* In a refinement of lobes, foresees the error of interpolation at a pixel, because light in wide lobes changes in
+   about the same areas as R: returns the squared difference, in absolute luminance, between R at the pixel and R
+   interpolated from a tile's corners. Returns 0 if lobes are narrow or no corner fits. */
 static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
@@ -18584,8 +18660,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p && p->id ? p : NULL;
 }
 
-/* Returns how well directions found at pixel b suit pixel a: sbl__belongs, or 0 if the tangents at the two pixels, from
-   which guides measure angles, differ too much in direction. */
+/* Returns how well the directions of a guide at pixel b suit pixel a, 0 to 1: sbl__belongs, or 0 if the tangents at the
+   two pixels, from which guides measure angles, differ too much in direction. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -18595,8 +18671,8 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* Returns the index of the guide, among the four around a pixel, whose site is most similar to the pixel in position
-   and normal. Returns 0 if no guide fits the pixel, or if rays are not guided. */
+/* Returns the index of the guide whose pixel is most similar in position and normal, among the four guides around a
+   pixel. Returns 0 if no guide fits the pixel, or if rays are not guided. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -18700,7 +18776,7 @@ static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Lists sites for the corners of the next tiles that need a sensor or more looks, until the sites fill a job. */
+/* Lists sites for the corners of the next tiles, if they need a sensor or more looks, until the sites fill a job. */
 static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
@@ -18773,7 +18849,7 @@ static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
-/* Makes a texel hidden because its places are dark: they are inside a solid, too. */
+/* Makes a texel hidden because its places are dark, which means that they are inside a solid, too. */
 static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     s->invalid = 1;
@@ -18799,9 +18875,9 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel if its light may be shown. Refuses pixels with invalid readings, hidden
-   texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their light
-   would show beyond the edge of the object that hides the hidden texels. */
+/* Decides from the first reading of a pixel if its light may be shown. Refuses (see sbl__refine_refuse) pixels with
+   invalid readings, hidden texels, and touched texels beside hidden texels of the same surface, even if they were
+   accepted before: their light would show beyond the edge of the object that hides the other texels. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     const sbl__pixel *p = &r->pixels[index];
     sbl__sensor *s = sbl__sensor_of(r, p);
@@ -18969,7 +19045,7 @@ static void sbl__refine_update_spec(sbl__refine *r) {
     r->spec->lobe = lobe;
 }
 
-/* Makes all sensors of the first round, at the corners of first-level tiles, take their looks again. */
+/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
 static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)
@@ -19633,7 +19709,8 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
 }
 
 /* Frees the data that only refinement needs. Keeps the job's resources if sensors rasterise views, because the weights
-   of views take long to compute. Filling in remains possible; inspection sends the guides again. */
+   of views take long to compute. sbl__fill_step can still be called; an inspection sends the guides to the GPU
+   again. */
 static sbl_result sbl__refine_end(sbl__refine *r) {
     sbl__refine_free_sites(r);
     sbl__free(&r->core->base, r->searched);
@@ -19647,7 +19724,7 @@ static sbl_result sbl__refine_end(sbl__refine *r) {
 
 /* Clears everything including the settings. Then sbl__refine_begin can begin again, with sbl__refine_use_atlas for a
    lightmap. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
-static void sbl__refine_forget(sbl__refine *r) {
+static void sbl__refine_reset(sbl__refine *r) {
     const sbl__refine kept = *r;
     r->pixels = NULL;
     r->sensors = NULL;
@@ -19690,9 +19767,10 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
     return SBL_SUCCESS;
 }
 
-/* Makes the refinement predict errors of FINAL. Must be called for each pixel before sbl__refine_put. albedo, specular:
-   the albedos with which the pixel shows R and the light in its lobe; albedo is NULL if the pixel shows no surface */
-static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
+/* Sets the albedos of a pixel. If it is called, it must be called for each pixel, before sbl__refine_put; the
+   refinement then predicts errors of FINAL. albedo, specular: the albedos with which the pixel shows R and the light in
+   its lobe; albedo is NULL if the pixel shows no surface */
+static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
     if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
@@ -20975,11 +21053,12 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes all changes of the glimpse, except its preview, which the host reads, and the seconds spent. */
+/* Undoes all changes that the glimpse has made, except its preview, which the host reads, and the time in the
+   statistics. */
 static void sbl__map_end_glimpse(sbl__map *m) {
     sbl__core *c = m->work.core;
     m->glimpse = SBL__GLIMPSE_SHOWN;
-    sbl__refine_forget(&m->refine);
+    sbl__refine_reset(&m->refine);
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
     m->glimpse_stats.seconds = c->stats.seconds;
     c->stats = m->glimpse_stats;
@@ -21129,7 +21208,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
         for (k = 0; k < 6; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        if (m->has_lobes) result = sbl__refine_show(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
+        if (m->has_lobes) result = sbl__refine_put_albedo(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
         if (result == SBL_SUCCESS) result = sbl__map_put(m, at + (size_t)i, from, id);
         c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
@@ -21555,7 +21634,7 @@ static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float
     return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
 }
 
-/* Gives a pixel to the refinement. */
+/* Passes a pixel to the refinement of reflections. */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index,
                                        const float *const from[SBL__READS]) {
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
@@ -21745,7 +21824,7 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 
-/* Gives a composition to the host as FINAL and DISPLAY. */
+/* Lets the host read a composition as FINAL and DISPLAY. */
 static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_FINAL] = &s->target;
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
@@ -22147,7 +22226,7 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
    m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
    to the nearest of all. */
-static int sbl__lightmap_show(const sbl__map *m, int texel) {
+static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
     uint32_t id = 0;
@@ -22178,7 +22257,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     const sbl_result result = sbl__map_read(m, slice);
     if (!m->shown) return result;
     *visible = before;  /* sbl__map_read has counted working pixels; the statistic counts texels */
-    for (; i < sbl__lightmap_rows_read(m) * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
+    for (; i < sbl__lightmap_rows_read(m) * m->size[0]; i++) *visible += sbl__lightmap_choose_shown(m, i) > 0;
     return result;
 }
 
@@ -22189,7 +22268,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const size_t shown = sbl__map_shown(m, (size_t)texel);
     const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
-    const int parts = m->shown ? sbl__lightmap_show(m, texel) : 1;
+    const int parts = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
@@ -22269,7 +22348,7 @@ static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
-/* Publishes the finished layers as output channels and frees their copies on the CPU. Returns the stage DONE. */
+/* Lets the host read the finished layers as channels, and frees their copies on the CPU. Returns the stage DONE. */
 static int sbl__lightmap_finish(sbl__lightmap *l) {
     sbl__map *m = &l->map;
     const int first = m->spec.groups ? SBL_CHANNEL_GROUP_0 : SBL_CHANNEL_SH_0;
@@ -22451,8 +22530,8 @@ static sbl_result sbl__joining_check_row(const sbl__joining *j, const char *name
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Checks a row of texels in all arrays of the host. */
-static sbl_result sbl__joining_inspect(void *work, int row) {
+/* Checks that a row of texels is finite in all arrays of the host. */
+static sbl_result sbl__joining_check_texels(void *work, int row) {
     const sbl__joining *j = (const sbl__joining *)work;
     const int grouped = sbl__joining_groups(j) > 0;
     sbl_result result = sbl__joining_check_row(j, "ids", -1, j->desc.ids, 1, row);
@@ -22555,7 +22634,7 @@ static float sbl__joining_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__joining_stages[] = {
-    { NULL, NULL, sbl__joining_inspect, sbl__joining_rows },
+    { NULL, NULL, sbl__joining_check_texels, sbl__joining_rows },
     { sbl__joining_take, NULL, NULL, NULL },
     { sbl__joining_gutters, NULL, NULL, NULL },
     { sbl__joining_sew, NULL, NULL, NULL },
@@ -22965,7 +23044,7 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->across;
+    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
@@ -23899,7 +23978,7 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Traces the rays over the hemisphere again and reads each. The sheet is one row with one texel per ray. */
+/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
@@ -24005,7 +24084,8 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again to read each. */
+/* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again, and reads each
+   ray. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -24067,7 +24147,7 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
 }
 
 /* Fills in the remaining fields of k->out. */
-static void sbl__inspect_tell(sbl__inspect_request *k) {
+static void sbl__inspect_finish(sbl__inspect_request *k) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
     const sbl_reading *r = &k->reading;
@@ -24132,7 +24212,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     } while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS) sbl__inspect_tell(k);
+    if (result == SBL_SUCCESS) sbl__inspect_finish(k);
     return result;
 }
 
@@ -24557,8 +24637,8 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
-   SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
+/* Compiles all programs that this driver can need, for compile_ahead. Does not compile variants with SBL__INSPECT,
+   SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

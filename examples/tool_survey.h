@@ -252,8 +252,8 @@ static double survey__backs(const survey__work *w, int i) {
 }
 
 /* Chooses the direction that shows the front of an object: the first direction, unless it shows mostly back faces, like
-   a corner of two walls, and another shows less than half as many. Of several such directions, a later one replaces an
-   earlier one only if its share of back faces is lower by more than 0.1. The order is: from behind, from both sides
+   a corner of two walls, and another shows less than half as many. Among several such directions, a later one replaces
+   an earlier one only if its share of back faces is lower by more than 0.1. The order is: from behind, from both sides
    alternately, and then the same at the higher elevation. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;

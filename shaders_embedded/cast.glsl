@@ -30,10 +30,10 @@ vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inou
     throughput *= next.throughput * sbl_tint;
     parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
     if (hit.triangle < 0) {
-        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
+        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
         return light + parts.rgb;
     }
-    lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));
+    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));
     int object = int(sbl_triangle_object(hit.triangle));
     parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
     parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);

@@ -23,7 +23,7 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 // Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces
 // without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides
 // the borders of their cells.
-// points: 25, or 0 if the result is not needed
+// points: 25, or 0 if the result is not needed, which then is 0
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -65,6 +65,7 @@ uniform float ray_start;                // a camera ray begins at its origin + r
 uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
+// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
 const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
@@ -117,8 +118,8 @@ vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #endif
 }
 
-// Returns the light that passes through a surface where sbl_follow ends although it would go on through it. The
-// stored light replaces it.
+// sbl_follow may end at a surface that lets light pass, and then does not find what is behind it. Returns a
+// substitute: the transmitted fraction, times the stored light of the surface itself.
 vec3 sbl_passing_rest(sbl_Surface s, int number, vec3 direction) {
     vec3 rest = sbl_passing(s.object, s.material, clamp(-dot(s.normal, direction), 0.0, 1.0));
 #ifdef SBL_BOUNCED
@@ -165,10 +166,11 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
     return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);
 }
 
-// Chooses the two rays that leave the surface s. Returns the ray that sbl_follow continues with; its weight is 0
-// if the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface that is not metal,
-// with the stored light there: the reflection of a pane, or the view through a surface that transmits little
-// light. On its way, it passes through surfaces that let light pass. point: see sbl_mirrored
+// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a
+// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:
+// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that
+// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see
+// sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);

@@ -33,8 +33,8 @@ struct sbl_Lamp {
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
-vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal
-float above;                 // distance of `stand` from the surface
+vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal
+float above;                 // distance of `ray_origin` from the surface
 mat3 to_frame;               // the sensor's frame, for closed forms
 
 sbl_Lamp sbl_lamp(int leaf) {
@@ -313,13 +313,13 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_SPECULAR
-// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_met. Rays do not hit
+// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_mis. Rays do not hit
 // lights (point, spot and directional), whose weight is 0.
-float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
+float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
     float lamp_density = SBL_LAMP_DENSITY;
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
         lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
-    return sbl_is_light(l) ? 0.0 : sbl_lobe_met(lobe_density, lamp_density);
+    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);
 }
 #endif
 

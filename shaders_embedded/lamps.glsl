@@ -47,7 +47,7 @@ const float SBL_SPARSE = 16.0;
 #endif
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier
-const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
+const float SBL_PASS_ENTRIES = 16.0;  // maximum of (number of passes) * (effective number of entries)
 const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,
@@ -72,10 +72,10 @@ uniform float tangent;          // tangent of half the field of view
 uniform float extent;           // scene extent in world units: unit of the view texture's distances
 
 const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
-const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
+const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray
 
-// Returns true if the views show a surface in front of the sample, or do not cover its direction. If the direction
-// of a texel's centre misses the lamp's triangle, compares a point closer to the triangle's middle.
+// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths
+// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float rotation = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
@@ -85,7 +85,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
     vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
-    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {
+    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {
         vec2 side = vec2(dot(point, side_x), dot(point, side_y));
         bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
         int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
@@ -109,7 +109,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
         vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
-        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
+        if (attempt == SBL_TEXELS_COMPARED - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
             return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
     }
     return true;
@@ -122,8 +122,8 @@ int entries[SBL_LAMPS];      // n >= 0: lamp n; n < 0: the cluster of node -1 - 
                              // lights are stored backwards from the array's end
 float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i
 int used, certain;           // number of entries at the array's start; number of point lights at its end
-float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths
-float crowd_within;          // estimate of `crowd` if all lamps of clusters were entries
+float total, strengths2;     // sums of the strengths of the `used` entries, and of their squares
+float lamp_strengths2;       // estimate of strengths2 if all lamps of clusters were entries
 mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that
                              // have a closed form (see sbl_has_closed_form), except the `certain` point lights.
                              // Each facing has its own ratio seen / open, because one side of a closed mesh hides
@@ -216,8 +216,8 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         else if (point) entries[SBL_LAMPS - ++certain] = leaf;
         else {
             total += strength;
-            crowd += strength * strength;
-            crowd_within += strength * strength / float(lamps);
+            strengths2 += strength * strength;
+            lamp_strengths2 += strength * strength / float(lamps);
             strengths[used] = total;
             entries[used++] = single ? leaf : -1 - i;
         }
@@ -231,7 +231,7 @@ void sbl_choose() {
     bool full = true;
     for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {
         used = certain = 0;
-        total = crowd = crowd_within = 0.0;
+        total = strengths2 = lamp_strengths2 = 0.0;
         whole = mat2x3(0);
         if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
 #ifdef SBL_GROUPS
@@ -295,8 +295,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     vec3 light = s.light / p.chance, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
     unhindered *= sbl_cosine_factor(s.direction);
-    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));
-    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
+    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));
+    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.chance;
 #endif
     vec4 counts = vec4(0);
@@ -314,9 +314,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         lobe_squares += weight * weight * l.facing;
 #endif
     }
-    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
+    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);
     float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
+    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
                             SBL_RAY_SHADOW);
     vec3 filtered = sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
@@ -372,7 +372,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 // Returns the variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has
 // smaller strata. The variable `lamps` is the effective number of lamps, including those in clusters.
 float sbl_strata(float n) {
-    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
+    float lamps = total * total / max(lamp_strengths2, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
 }
 
@@ -465,8 +465,8 @@ sbl_Result sbl_combine_after(sbl_Result early) {
 // Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided
 // decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.
 int sbl_pass_count() {
-    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);
-    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;
+    float passes_most = SBL_PASS_ENTRIES * strengths2 / max(total * total, 1e-37);
+    int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;
     while (2 * power <= passes) power *= 2;
     return power;
 }
@@ -494,9 +494,9 @@ void main() {
     if (look < 0 || look >= count) sbl_leave;
 #endif
     n = sbl_look_normal(look);
-    stand = sbl_look_position(look);
+    ray_origin = sbl_look_position(look);
     above = sbl_look_offset(look);
-    position = stand - above * n;
+    position = ray_origin - above * n;
     to_frame = transpose(sbl_frame(n));
 #ifdef SBL_LOBE
     sbl_lobe_begin(look, n);

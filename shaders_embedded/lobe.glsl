@@ -129,18 +129,18 @@ float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
     return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
 }
 
-const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_met on lamps that are not emitting triangles
+const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles
 
 // Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It
 // is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.
-float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
+float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 #endif
 
 #ifdef SBL_LOBE
 sbl_Lobe lobe;         // the lobe of the look that is measured
 vec3 lobe_scale;       // 1 / albedo of the lobe: the look measures the mean radiance that the lobe reflects
-bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_met
+bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: MIS, see sbl_lobe_mis
 
 void sbl_lobe_begin(int look, vec3 normal) {
     float roughness = sbl_lobe_roughness(look);

@@ -1,15 +1,15 @@
 // This file computes the emission, reflection and transmission of surfaces, and where they have holes. Other
 // shaders read only the flags of a material. >>material in sbl.h computes the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
-uniform bool lamps_apart;  // true: lamps.glsl adds light of emitters; sbl_outgoing adds it times sbl_lamp_met()
+uniform bool lamps_apart;  // true: lamps.glsl measures emitters, and sbl_outgoing adds them times lamp_mis
 #ifdef SBL_SPECULAR
-float lamp_met = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_met
+float lamp_mis = 0.0;      // if lamps_apart: MIS weight of the emission that a ray hits, see sbl_lobe_mis
 #endif
 
-// Returns the weight with which sbl_outgoing adds emission.
-float sbl_lamp_met() {
+// Returns the factor with which sbl_outgoing adds emission.
+float sbl_emission_weight() {
 #ifdef SBL_SPECULAR
-    return lamps_apart ? lamp_met : 1.0;
+    return lamps_apart ? lamp_mis : 1.0;
 #else
     return lamps_apart ? 0.0 : 1.0;
 #endif
@@ -86,10 +86,10 @@ bool sbl_shines(sbl_Material m, vec3 reflectance) {
     return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
 }
 
-// Returns true if the surface is gloss of a roughness below SBL_GLOSS_MET. Some of the rays that hit it continue
+// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue
 // in its lobe; the others find only its diffuse part (see sbl_face_ray).
-bool sbl_is_met_as_gloss(sbl_Material m) {
-    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_MET && !sbl_shines(m, m.reflectance);
+bool sbl_hit_as_gloss(sbl_Material m) {
+    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);
 }
 
 // Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light
@@ -139,16 +139,16 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 #elif defined(SBL_BOUNCED)
     return false;
 #else
-    return sbl_emits(object, back) ? sbl_lamp_met() == 0.0 : epsilon <= 0.0;
+    return sbl_emits(object, back) ? sbl_emission_weight() == 0.0 : epsilon <= 0.0;
 #endif
 }
 
 // Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1
-// and 2. This is the emission of an emitter times sbl_lamp_met(), or epsilon * albedo for other surfaces.
+// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
-    if (emits) radiance *= sbl_lamp_met();
+    if (emits) radiance *= sbl_emission_weight();
     if (!sbl_outgoing_is_plain(object, back)) {
         uvec4 entry = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
         radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(entry, at.uv)).rgb;
@@ -164,7 +164,7 @@ vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 // that hit gloss find the light of its lobe.
 vec3 sbl_glow_albedo(sbl_Material m) {
 #ifdef SBL_SPECULAR
-    if (sbl_is_met_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
+    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
 #endif
     return m.albedo;
 }

@@ -6,11 +6,11 @@
 #define SBL_SEES_MIRRORED
 uniform int mirrored_count;               // number of records in the scene
 
-const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, those of most light
+const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * light of the mirrored
-                                          // lamps / light of the brightest of them itself, if nothing blocks it)
+const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * (light of the mirrored
+                                          // lamps) / (direct light of the brightest of them if nothing blocks it))
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
@@ -18,7 +18,7 @@ vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of
 float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
 float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps
 
-// Puts a mirrored lamp into the sorted list, which keeps those of the largest chances.
+// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.
 void sbl_mirrored_add(vec4 way, float chance) {
     for (int k = 0; k < SBL_MIRRORED; k++) {
         bool before = chance > mirrored_chance[k];
@@ -54,8 +54,8 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         float to_mirror = height / mirror_cosine;
         float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
         float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
-        vec3 met = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
-        vec3 outside = max(sbl_mirrored_low(i) - margin - met, met - margin - sbl_mirrored_high(i));
+        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
+        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));
         if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
         float covered = min(dot(size, size) / (SBL_MIRRORED_SPAN * to_mirror * to_mirror * width2), 1.0);

@@ -11,7 +11,7 @@
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
-                             // (sbl_lobe_met); 0: ignore lamps that the ray hits
+                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits
 
 // Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines
 // for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is
@@ -20,7 +20,7 @@ float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direc
 // direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_shines = sbl_shines(m, m.reflectance);
-    for (int once = 0; once < (sbl_is_met_as_gloss(m) ? 1 : 0); once++) {
+    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
         vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
         vec3 across = cross(side_1, side_2);
@@ -65,7 +65,7 @@ struct sbl_Reflection {
 // lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,
 // Cline and Egbert 2005, "Importance Resampling for Global Illumination").
 #ifdef SBL_LOBE
-const int SBL_LAMP_TRIES = 1;  // more make the sensors of lobes slower, but not better
+const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better
 #else
 const int SBL_LAMP_TRIES = 8;
 #endif
@@ -81,8 +81,8 @@ vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sa
     vec3 light = vec3(0);
     float all = 0.0;
     for (int k = 1; k <= SBL_LAMP_TRIES; k++) {
-        float met = sbl_met_by_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));
-        vec3 found = (1.0 - met) * sbl_lobe_factor(shine, tried.direction) * tried.light;
+        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));
+        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;
         float weight = found.r + found.g + found.b;
         if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect
         all += weight;
@@ -99,7 +99,7 @@ vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sa
 }
 #endif
 
-// Samples the two rays that start at a hit that is near or shines (see SBL_LEGS): the ray to a lamp and the
+// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the
 // next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
@@ -112,8 +112,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     n = bounce.normal;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
-    stand = position + above * n;
-    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), 0, bounce.direction,
+    ray_origin = position + above * n;
+    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,
                                       bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
     sbl_Lobe shine;
@@ -126,7 +126,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_LOBE
         float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
 #else
-        float least = sbl_is_met_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
+        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);

@@ -24,14 +24,14 @@ float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
-// Returns the radiance of a ray that hits nothing. met: MIS weight of the ray for radiance above the limit, which
+// Returns the radiance of a ray that hits nothing. mis: MIS weight of the ray for radiance above the limit, which
 // lamps.glsl may sample, too
-vec3 sbl_sky(vec3 direction, float met) {
+vec3 sbl_sky(vec3 direction, float mis) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
-        radiance *= 1.0 - (1.0 - met) * sbl_sky_excess(radiance);
+        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);
     }
     return sky + radiance;
 }

@@ -6,9 +6,9 @@ uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
-uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
-uniform float ray_length;             // rays end at this length and see the sky
-uniform float distance_limit;         // in the mean distance, larger distances count as this one
+uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
+uniform float ray_length;             // a ray ends at this length, and then sees the sky
+uniform float distance_limit;         // larger distances count as this one in the mean distance
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
@@ -30,7 +30,7 @@ const float SBL_FIRST_SCALE = 0.7;
 const float SBL_LOBE_SCALE = 0.5;
 
 vec3 arriving = vec3(0);              // direction of the ray that found the last hit
-float sky_met = 0.0, glow_met = 0.0;  // MIS weights, like lamp_met, for bright texels of the sky and for glows
+float sky_mis = 0.0, glow_mis = 0.0;  // MIS weights, like lamp_mis, for bright texels of the sky and for glows
 
 #ifdef SBL_GROUPS
 uniform int sky_layer;          // layer of the sky
@@ -55,10 +55,10 @@ const int sky_layer = 0;
 
 // Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
 // radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if
-// the hit is near or its surface shines, otherwise false. If true, further rays find the reflected light, which
-// the result lacks, except that the diffuse part of a surface that shines reflects stored light. material: set
-// only with SBL_BOUNCED. In the first segment, leaves out the light of glows, which lamps.glsl measures for the
-// sensor.
+// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,
+// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.
+// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which
+// lamps.glsl measures for the sensor.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -90,9 +90,9 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
         if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
-        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
+        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
         sbl_add_stored(first && bright_cells > 0 ? leaf : 0,
-                       (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));
+                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));
         radiance += sbl_reflected(material, light);
     }
 #endif
@@ -111,9 +111,9 @@ float sbl_stratum_reciprocal(float u) {
 // cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract
 // the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced
 // light. The last segment reads the store at any distance.
-const int SBL_LEGS = 3;
+const int SBL_SEGMENTS = 3;
 #else
-const int SBL_LEGS = 1;
+const int SBL_SEGMENTS = 1;
 #endif
 
 void main() {
@@ -188,29 +188,29 @@ void main() {
         for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
         throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
         ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
-        glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
+        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
         vec3 way = direction;
         float limit = ray_length;
         // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
         // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
         // each iteration.
-        int legs = SBL_LEGS;
+        int segments = SBL_SEGMENTS;
 #ifdef SBL_LOBE
         bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon
-        if (is_below) legs = 0;
+        if (is_below) segments = 0;
 #endif
 #ifdef SBL_SEES_MIRRORED
-        if (weight <= 0.0) legs = 0;  // below the horizon
+        if (weight <= 0.0) segments = 0;  // below the horizon
 #endif
-        for (int leg = 0; leg < legs; leg++) {
+        for (int segment = 0; segment < segments; segment++) {
             sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
             throughput *= sbl_tint;
             if (hit.triangle < 0) {
 #ifdef SBL_SPECULAR
-                sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
+                sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
-                vec3 seen_sky = throughput * sbl_sky(direction, sky_met);
+                vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);
                 sum.rgb += seen_sky;
                 sbl_add_layer(sky_layer, seen_sky);
                 break;
@@ -218,8 +218,8 @@ void main() {
             bool goes_on;
             sbl_Material material;
 #ifdef SBL_SPECULAR
-            lamp_met = 0.0;
-            if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));
+            lamp_mis = 0.0;
+            if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));
 #endif
             vec3 position = from + direction * hit.distance;
 #ifdef SBL_GROUPS
@@ -228,11 +228,12 @@ void main() {
 #ifdef SBL_SPECULAR
             arriving = direction;
 #endif
-            sum.rgb += throughput * sbl_radiance(hit, position, leg == 0, leg == SBL_LEGS - 1, goes_on, material);
+            sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
+                                                 material);
 #ifdef SBL_SPECULAR
             chance_least = 0.0;
 #endif
-            if (leg == 0) {
+            if (segment == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
                 hits.z = min(hits.z, hit.distance);
@@ -240,7 +241,7 @@ void main() {
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * leg)));
+            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * segment)));
             from = next.from;
             sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
             if (between.triangle < 0 || between.number == next.number) {

@@ -169,8 +169,8 @@ float sbl_random_of(sbl_Hit hit, uint which) {
 #endif
 
 #ifdef SBL_SPECULAR
-// Raises the chance with which gloss reflects the ray by its lobe (see sbl_face_ray) and with which panes reflect
-// it. 0 to 1: the probability that the ray was sent to a lamp in a mirror
+// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes
+// reflect it. It is the probability that the ray was sent to a lamp in a mirror
 float chance_least = 0.0;
 #endif
 

@@ -113,7 +113,7 @@ TEST(materials_in_c_and_in_shaders) {
                 emission[k] = sbl__emits(object, back) ? object->emission[k] : 0;
                 share[k] = SBL__MIN(object->albedo[k], SBL__BOUNCE_ALBEDO);
             }
-            sbl__share_pack(share, packed);
+            sbl__albedo_pack(share, packed);
             sbl__add_reflected(packed, light, reflected);
             CHECK(memcmp(emission, texels[0][at], sizeof emission) == 0,
                   "material %d, side %d: emission %g %g %g in C, %g %g %g in GLSL", i, back, (double)emission[0],
@@ -126,10 +126,10 @@ TEST(materials_in_c_and_in_shaders) {
                   (double)texels[1][at][1], (double)texels[1][at][2]);
             CHECK(texels[1][at][3] == 0, "material %d is cut out", i);
             for (k = 0; k < 3; k++)
-                CHECK(fabs((double)reflected[k] / (double)SBL__SHARE_ONE - (double)texels[2][at][k]) <=
+                CHECK(fabs((double)reflected[k] / (double)SBL__ALBEDO_ONE - (double)texels[2][at][k]) <=
                           (double)light[k] / 65535,
                       "material %d: component %d reflects %g in C, %g in GLSL", i, k,
-                      (double)reflected[k] / (double)SBL__SHARE_ONE, (double)texels[2][at][k]);
+                      (double)reflected[k] / (double)SBL__ALBEDO_ONE, (double)texels[2][at][k]);
             dark += back && !sbl__emits(object, 1) && sbl__emits(object, 0);
             clamped += share[0] < object->albedo[0];
         }

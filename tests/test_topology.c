@@ -484,7 +484,7 @@ TEST(stuck_points_do_not_count) {
     for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
         const int most = SBL__BOUNCE_RAYS * (i / SBL__BOUNCE_RAYS == 0 ? 1 : 2) / 4;
         hits[i].leaf = i % SBL__BOUNCE_RAYS < most ? 1 : SBL__NOWHERE;
-        sbl__share_pack(half, hits[i].albedo);
+        sbl__albedo_pack(half, hits[i].albedo);
     }
     points[0].valid = points[2].valid = 1;
     for (k = 0; k < 3; k++) {
@@ -541,7 +541,7 @@ TEST(settled_hits_are_skipped) {
     hits[0].distance = 0;
     hits[0].current = 0;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
-    sbl__bounce_all_found(&b);
+    sbl__bounce_forget_cuts(&b);
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
@@ -570,14 +570,14 @@ TEST(further_points_do_not_count_more) {
     for (i = 0; i < MOST; i++) points[i].valid = 1;
     for (i = 0; i < MOST * SBL__BOUNCE_RAYS; i++) {
         hits[i].leaf = 1;
-        sbl__share_pack(half, hits[i].albedo);
+        sbl__albedo_pack(half, hits[i].albedo);
     }
     for (states[0].points = 4; states[0].points <= MOST; states[0].points *= 4) {
         const double rays = 4 * SBL__BOUNCE_RAYS;
         memset(spreads, 0, sizeof spreads);
         for (i = 0; i < states[0].points; i++) {
             sbl__bounce_spread(&b, i);
-            sbl__bounce_shine(&b, i);
+            sbl__bounce_sum_found(&b, i);
         }
         CHECK(fabs(spreads[1].hits - rays) < 1e-6 && fabs(spreads[1].weight - rays / 4) < 1e-3,
               "%d points: %g hits, weight %g", states[0].points, spreads[1].hits, spreads[1].weight);
