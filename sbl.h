@@ -14886,7 +14886,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. Therefore a
    site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from the sensor
    back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the walls of
-   the body. The caller can ask for a test, too (sbl__site.suspect). If the test hits closer than SBL__STUCK_SHARE of the
+   the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than SBL__STUCK_SHARE of the
    offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
