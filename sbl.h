@@ -15220,6 +15220,14 @@ typedef struct sbl__bounce_point {
     float shine[3];    /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
+/* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
+   number, both weighted by sbl__point_weight and by the share of the point's leaf; bucket: index of the leaf's cell in
+   the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+typedef struct sbl__leaf_found {
+    float light, rays;
+    int bucket;
+} sbl__leaf_found;
+
 /* The part of the iteration's sum that one ray of a valid point adds in each round: the light of a leaf times the
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
@@ -15307,9 +15315,10 @@ typedef struct sbl__bounce {
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
     sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
                                         state */
-    float *direct;                   /* 3 floats per leaf: direct light; in the stages SUM_FOUND and CHOOSE, sums over
-                                        rays (see sbl__bounce_sum_found); from the stage NOISE on, the leaf's noise */
-    float *solved;                   /* light of each leaf, saved while the leaves hold noise */
+    float *direct;                   /* 3 floats per leaf: its direct light; from the stage NOISE on, its noise, which
+                                        the iteration then propagates as it propagated direct light */
+    sbl__leaf_found *leaf_found;     /* per leaf: what rays find there, for the choice of bright leaves */
+    float *solved;                   /* 3 floats per leaf: its light, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
     int layer_round;                 /* number of rounds of the iteration that have computed layers */
@@ -16332,18 +16341,28 @@ static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
     return b->sites && b->readings && (b->found_layers || !groups) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Frees the arrays that have one element per leaf, except b->states. */
+static void sbl__bounce_free_leaves(sbl__base *base, sbl__bounce *b) {
+    void *const arrays[] = { b->direct, b->leaf_found, b->solved };
+    int i;
+    for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(base, arrays[i]);
+    b->direct = b->solved = NULL;
+    b->leaf_found = NULL;
+}
+
 static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     const size_t leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
-    sbl__free(base, b->direct);
-    sbl__free(base, b->solved);
+    sbl__bounce_free_leaves(base, b);
     b->site_count = 0;
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
+    b->leaf_found = (sbl__leaf_found *)sbl__alloc_raw(base, leaves, sizeof *b->leaf_found);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->direct && b->solved ? sbl__bounce_make_sites(b, (size_t)b->point_count) : SBL_ERROR_OUT_OF_MEMORY;
+    if (!b->direct || !b->leaf_found || !b->solved) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__bounce_make_sites(b, (size_t)b->point_count);
 }
 
 /* Returns 1 if a ray of a point sees a back face, so that the point may be stuck inside geometry. */
@@ -16992,9 +17011,7 @@ static int sbl__brighter(const void *first, const void *second) {
     return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
 }
 
-/* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
-   no longer needed. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit the leaf, float 1 is
-   the weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the bucket of the leaf's cell. b->direct
+/* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->leaf_found. b->leaf_found
    ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
 static sbl_result sbl__bounce_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -17002,7 +17019,7 @@ static sbl_result sbl__bounce_sum_found(void *work, int at) {
     const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
     int j;
     if (at == 0) {
-        memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
+        memset(b->leaf_found, 0, sizeof *b->leaf_found * (size_t)b->store->leaf_count);
         memset(&b->found, 0, sizeof b->found);
     }
     if (!b->points[at].valid) return SBL_SUCCESS;
@@ -17019,8 +17036,8 @@ static sbl_result sbl__bounce_sum_found(void *work, int at) {
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
         if (hits[j].leaf == SBL__NOWHERE || hits[j].by_metal) continue;
-        b->direct[3 * hits[j].leaf] += (float)(weight * light);
-        b->direct[3 * hits[j].leaf + 1] += (float)weight;
+        b->leaf_found[hits[j].leaf].light += (float)(weight * light);
+        b->leaf_found[hits[j].leaf].rays += (float)weight;
     }
     b->found.received += weight * (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
     b->found.rays += weight * SBL__BOUNCE_RAYS;
@@ -17040,28 +17057,28 @@ static void sbl__cell_of_leaf(const sbl__bounce *b, int leaf, sbl__bright_cell *
 static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count, sbl__bright_view *views) {
     const sbl__store *s = b->store;
     int i, j, kept = 0;
-    for (i = 0; i < s->leaf_count; i++) b->direct[3 * i + 2] = -1;
+    for (i = 0; i < s->leaf_count; i++) b->leaf_found[i].bucket = -1;
     for (i = 0; i < count; i++) {
         sbl__bright_cell cell;
         uint32_t check;
         sbl__cell_of_leaf(b, list[i].leaf, &cell);
-        b->direct[3 * list[i].leaf + 2] = (float)(sbl__store_seek(s, cell.patch, cell.at, &check) - s->cells);
+        b->leaf_found[list[i].leaf].bucket = (int)(sbl__store_seek(s, cell.patch, cell.at, &check) - s->cells);
     }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
         const double weight = (double)b->states[b->points[i].leaf].share * sbl__point_weight(b, i);
         int crowd = 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
-            crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;
+            crowd += hits[j].leaf != SBL__NOWHERE && b->leaf_found[hits[j].leaf].bucket >= 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++) {
-            const float bucket = hits[j].leaf != SBL__NOWHERE ? b->direct[3 * hits[j].leaf + 2] : -1;
-            if (!(bucket >= 0)) continue;
-            views[(int)bucket].crowd += weight * crowd;
-            views[(int)bucket].hits += weight;
+            const int bucket = hits[j].leaf != SBL__NOWHERE ? b->leaf_found[hits[j].leaf].bucket : -1;
+            if (bucket < 0) continue;
+            views[bucket].crowd += weight * crowd;
+            views[bucket].hits += weight;
         }
     }
     for (i = 0; i < count; i++) {
-        const sbl__bright_view *view = &views[(int)b->direct[3 * list[i].leaf + 2]];
+        const sbl__bright_view *view = &views[b->leaf_found[list[i].leaf].bucket];
         if (view->crowd <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * view->hits) list[kept++] = list[i];
     }
     return kept;
@@ -17110,7 +17127,7 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     s->bright = NULL;
     s->bright_count = 0;
     for (i = 0; i < s->leaf_count; i++) {
-        const double light = (double)b->direct[3 * i], hits = (double)b->direct[3 * i + 1];
+        const double light = (double)b->leaf_found[i].light, hits = (double)b->leaf_found[i].rays;
         if (!(light * b->found.rays > least * hits) || sbl__bright_from_afar(b, i) != i) continue;
         if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
             sbl__free(&b->core->base, list);
@@ -17334,9 +17351,10 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->positions.buckets, p->ends.buckets, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->direct, b->solved, b->direct_layers };
+                             b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
+    sbl__bounce_free_leaves(d->base, b);
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__bounce_free_sites(d->base, b);
     sbl__table_delete(d, &b->casts);

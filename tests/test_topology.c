@@ -558,14 +558,14 @@ TEST(further_points_do_not_count_more) {
     sbl__spread spreads[2];
     sbl__leaf leaves[2];
     sbl__store store;
-    float direct[6];
+    sbl__leaf_found leaf_found[2];
     int i;
     memset(&division, 0, sizeof division);
     division.spreads = spreads;
     set_leaves(&b, &store, leaves, states);
     b.points = points;
     b.hits.list = hits;
-    b.direct = direct;
+    b.leaf_found = leaf_found;
     b.division = &division;
     for (i = 0; i < MOST; i++) points[i].valid = 1;
     for (i = 0; i < MOST * SBL__BOUNCE_RAYS; i++) {
@@ -583,6 +583,9 @@ TEST(further_points_do_not_count_more) {
               "%d points: %g hits, weight %g", states[0].points, spreads[1].hits, spreads[1].weight);
         CHECK(fabs(b.found.rays - rays) < 1e-6 && fabs(b.found.light - 4 * rays) < 0.1,
               "%d points: %g rays find %g", states[0].points, b.found.rays, b.found.light);
+        CHECK(fabs((double)leaf_found[1].rays - rays) < 1e-3 && fabs((double)leaf_found[1].light - 4 * rays) < 0.1,
+              "%d points: %g rays find %g at the leaf", states[0].points, (double)leaf_found[1].rays,
+              (double)leaf_found[1].light);
     }
 }
 
