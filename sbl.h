@@ -11974,8 +11974,8 @@ static const char *const sbl__glsl_lamp[] = {
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced\n",
-"const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`. Shorter rays would\n",
-"                                    // point into the sensor's own surface\n",
+"const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays\n",
+"                                    // would meet the sensor's own surface\n",
 "\n",
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
@@ -16483,6 +16483,8 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
 }
 
 #define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
+#define SBL__BOUNCE_MOST 1e30f  /* upper limit of stored light. Beyond it, sums overflow, and differences of infinite
+                                   sums would be NaN */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
@@ -16522,7 +16524,8 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     memcpy(sum, received, sizeof sum);  /* compilers keep `received` in registers, because no loop indexes it */
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
-        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -16639,7 +16642,8 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
             sbl__add_reflected(read->albedo, all + (size_t)floats * read->leaf + k, sum + k);
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
-        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -21564,7 +21568,7 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     if (from[SBL__READ_LOBE][1] < 0) pixel.id = 0;
     else sbl__reflections_unpack(from[SBL__READ_LOBE], own);
     own->weight = sbl__luminance(from[SBL__READ_SPECULAR]);
-    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
+    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * SBL__MIN(pixel.error, FLT_MAX);  /* 0 * infinity is NaN */
     stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
     panes = SBL__PANE_ERROR * from[SBL__READ_SPECULAR][3];
     pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);

@@ -12,8 +12,8 @@ const float SBL_SMALL = 16.0;       // a triangle is small if (squared distance)
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced
-const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`. Shorter rays would
-                                    // point into the sensor's own surface
+const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays
+                                    // would meet the sensor's own surface
 
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
