@@ -4908,18 +4908,29 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
 /* Positions of a scene farther from 0 0 0 than this * its diagonal are stored relative to its middle. */
 #define SBL__CENTRE_FARTHEST 16.0
 
-/* Moves the origin of all positions to the middle of the scene's bounds, if the scene is far from it. Positions are
-   floats, and offsets of sensors and insets of surface points must exceed the rounding errors of these (see SBL__OFFSET
-   and surface.glsl), which are then proportional to the size of the scene instead of its distance. The vertices are
-   transformed again, because their rounded positions have lost digits. The geometry must be measured. Returns 1 if the
-   origin has moved. */
-static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
-    int i, k;
-    if (g->farthest <= SBL__CENTRE_FARTHEST * g->diagonal) return 0;
-    for (k = 0; k < 3; k++)
-        g->centre[k] = (float)(g->centre[k] + 0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
+/* Moves the origin of all positions to `centre`. The vertices are transformed again, because their rounded positions
+   have lost digits. */
+static void sbl__geometry_move_origin(const sbl__base *base, sbl__geometry *g, const float centre[3]) {
+    int i;
+    memcpy(g->centre, centre, sizeof g->centre);
     for (i = 0; i < g->mesh_count; i++) sbl__mesh_transform(base, g, i, g->meshes[i].transform);
     sbl__geometry_measure(g, NULL);
+}
+
+/* Moves the origin of all positions if the scene is far from it: to the middle of the scene's bounds or, if the scene
+   is near 0 0 0, to 0 0 0. Positions are floats, and offsets of sensors and insets of surface points must exceed the
+   rounding errors of these (see SBL__OFFSET and surface.glsl), which are then proportional to the size of the scene
+   instead of its distance. The new origin does not depend on the old one, so that meshes that return make the same
+   scene again. The geometry must be measured. Returns 1 if the origin has moved. */
+static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
+    static const float zero[3] = { 0, 0, 0 };
+    float middle[3];
+    int k;
+    if (g->farthest <= SBL__CENTRE_FARTHEST * g->diagonal) return 0;
+    if (!sbl__all_zero(g->centre, 3)) sbl__geometry_move_origin(base, g, zero);
+    if (g->farthest <= SBL__CENTRE_FARTHEST * g->diagonal) return 1;
+    for (k = 0; k < 3; k++) middle[k] = (float)(0.5 * ((double)g->bounds[0][k] + g->bounds[1][k]));
+    sbl__geometry_move_origin(base, g, middle);
     return 1;
 }
 
@@ -7107,7 +7118,7 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
 /* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees, which
    sbl__lamps builds */
 typedef struct sbl__lights {
-    sbl_light *list;           /* copy of the host's lights */
+    sbl_light *list;           /* copy of the host's lights; positions are the host's */
     int count;
     sbl__glow *glows;
     int glow_count;
@@ -7142,14 +7153,6 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
     memset(l, 0, sizeof *l);
-}
-
-/* Makes the positions of the host's lights relative to the scene's centre. */
-static void sbl__lights_settle(sbl__lights *l, const float centre[3]) {
-    int i;
-    for (i = 0; i < l->count; i++)
-        if (l->list[i].kind != SBL_LIGHT_DIRECTIONAL)
-            sbl__from_host(centre, l->list[i].position, l->list[i].position);
 }
 
 /* Sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
@@ -7216,8 +7219,10 @@ static double sbl__versine(float angle) {
     return 2 * sine * sine;
 }
 
-/* Makes the record of a light. position: receives its position, or the direction towards a directional light */
-static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double position[3]) {
+/* Makes the record of a light. centre: see sbl__geometry. position: receives its position, or the direction towards a
+   directional light */
+static void sbl__light_write(const sbl_light *light, const float centre[3], sbl__light_record *record,
+                             double position[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = sbl__versine(SBL__CONE(light));
     const double edge = SBL__MAX(outer - sbl__versine(light->inner_cone), SBL__SPOT_EDGE * outer);
@@ -7226,9 +7231,10 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     int k;
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
     sbl__normalize(axis);
+    if (!distant) sbl__from_host(centre, light->position, record->position);
     for (k = 0; k < 3; k++) {
-        position[k] = distant ? -axis[k] : light->position[k];
-        record->position[k] = (float)position[k];
+        if (distant) record->position[k] = (float)-axis[k];
+        position[k] = distant ? -axis[k] : record->position[k];
         record->intensity[k] = light->intensity[k];
         record->axis[k] = (float)(spot ? axis[k] : 0);
     }
@@ -7244,7 +7250,7 @@ static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp)
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
-    sbl__light_write(light, &record, place);
+    sbl__light_write(light, l->geometry->centre, &record, place);
     sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
     if (light->kind != SBL_LIGHT_SPOT) return;
@@ -7738,7 +7744,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
             leaf[i].layer = sbl__lamp_layer(l, l->list[i].code);
             lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
-        for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
+        for (i = 0; i < lights->count; i++)
+            sbl__light_write(&lights->list[i], l->geometry->centre, &record[i], place);
         if (glows) memcpy(all + nodes + leaves + records, lights->glows, glows);
         if (layers) sbl__lights_write_shares(lights, (float *)(void *)(all + bytes - mirrored - layers));
         if (mirrored) memcpy(all + bytes - mirrored, lights->mirrored, mirrored);
@@ -8485,7 +8492,6 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
                                   s->geometry.extent);
-        if (result == SBL_SUCCESS) sbl__lights_settle(&s->lights, s->geometry.centre);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     d->gl.doing = "storing meshes";
@@ -8541,7 +8547,6 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     if (materials) sbl__scene_write_materials(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
-    if (result == SBL_SUCCESS && lights) sbl__lights_settle(&others, s->geometry.centre);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
@@ -8572,13 +8577,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
 /* Moves the origin of all positions, if meshes have moved far from it. */
 static sbl_result sbl__scene_settle(sbl__device *d, sbl__scene *s) {
     sbl__geometry *g = &s->geometry;
-    float before[3];
-    int i, k;
-    memcpy(before, g->centre, sizeof before);
+    int i;
     if (s->draw || !sbl__geometry_settle(d->base, g)) return SBL_SUCCESS;
-    for (i = 0; i < s->lights.count; i++)
-        for (k = 0; k < 3 && s->lights.list[i].kind != SBL_LIGHT_DIRECTIONAL; k++)
-            s->lights.list[i].position[k] = (float)((double)s->lights.list[i].position[k] + before[k] - g->centre[k]);
     for (i = 0; i < g->mesh_count; i++) sbl__geometry_send(d, g, i);
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
@@ -12017,6 +12017,8 @@ static const char *const sbl__glsl_lamp[] = {
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced\n",
+"const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays\n",
+"                                    // would meet the sensor's own surface\n",
 "\n",
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
@@ -12310,8 +12312,10 @@ static const char *const sbl__glsl_lamp[] = {
 "        float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
-"        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
+"        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
 "            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+"            s.far = max(s.far, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
+"        }\n",
 "    }\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
@@ -16569,6 +16573,8 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
 }
 
 #define SBL__BOUNCE_UNIT (SBL__ALBEDO_ONE * SBL__BOUNCE_RAYS)  /* factor of sums of light over a point's rays */
+#define SBL__BOUNCE_MOST 1e30f  /* upper limit of stored light. Beyond it, sums overflow, and differences of infinite
+                                   sums would be NaN */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
@@ -16608,7 +16614,8 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     memcpy(sum, received, sizeof sum);  /* compilers keep `received` in registers, because no loop indexes it */
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
-        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -16725,7 +16732,8 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
             sbl__add_reflected(read->albedo, all + (size_t)floats * read->leaf + k, sum + k);
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
-        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -17544,9 +17552,11 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
     }
     parts[SBL__SAVED_LIGHTS] = seed;
-    for (i = 0; i < s->lights.count; i++)
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lights.list[i],
-                                                   offsetof(sbl_light, light_group));
+    for (i = 0; i < s->lights.count; i++) {
+        sbl_light light = s->lights.list[i];
+        if (light.kind != SBL_LIGHT_DIRECTIONAL) sbl__from_host(g->centre, light.position, light.position);
+        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &light, offsetof(sbl_light, light_group));
+    }
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
@@ -21665,7 +21675,7 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     if (from[SBL__READ_LOBE][1] < 0) pixel.id = 0;
     else sbl__reflections_unpack(from[SBL__READ_LOBE], own);
     own->weight = sbl__luminance(from[SBL__READ_SPECULAR]);
-    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
+    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * SBL__MIN(pixel.error, FLT_MAX);  /* 0 * infinity is NaN */
     stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
     panes = SBL__PANE_ERROR * from[SBL__READ_SPECULAR][3];
     pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
@@ -25105,11 +25115,17 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     return 1;
 }
 
+/* Returns x, a large number of the same sign if x is infinite, or 0 if x is NaN. A product of two results is finite,
+   because compilers may assume that no number is infinite. */
+static double sbl__bounded(float x) {
+    const uint32_t bits = sbl__float_bits(&x);
+    return sbl__finite(&x) ? (double)x : bits << 9 ? 0.0 : bits >> 31 ? -1e150 : 1e150;
+}
+
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale) {
     size_t i;
     for (i = 0; i < float_count; i++) {
-        const int infinite = sbl__float_bits(&linear[i]) == 0x7f800000u;
-        const double x = infinite ? 1 : sbl__finite(&linear[i]) ? (double)linear[i] * (double)scale : 0;
+        const double x = sbl__bounded(linear[i]) * sbl__bounded(scale);
         const double y = !(x > 0) ? 0 : x >= 1 ? 1 : x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
         out[i] = (unsigned char)(255 * y + 0.5);
     }

@@ -204,10 +204,12 @@ static void find_box(const cubemaps *c, const cube_wall walls[6], cube_facts *f)
 static void describe_face(cubemaps *c, const float at[3], int face, sbl_picture_desc *desc) {
     const float (*axes)[3] = cube_axes[face];
     const int pixels = c->size + 2 * CUBEMAP_MARGIN;
+    /* A shorter distance to the point that the camera looks at would be lost by rounding where coordinates are large */
+    const float away = 1 + fabsf(at[0]) + fabsf(at[1]) + fabsf(at[2]);
     memset(desc, 0, sizeof *desc);
     desc->width = desc->height = pixels;
-    sbl_look_at(desc->world_to_view, at[0], at[1], at[2], at[0] + axes[2][0], at[1] + axes[2][1], at[2] + axes[2][2],
-                -axes[1][0], -axes[1][1], -axes[1][2]);
+    sbl_look_at(desc->world_to_view, at[0], at[1], at[2], at[0] + away * axes[2][0], at[1] + away * axes[2][1],
+                at[2] + away * axes[2][2], -axes[1][0], -axes[1][1], -axes[1][2]);
     sbl_perspective(desc->view_to_clip, (float)(2 * atan((double)pixels / c->size) * 180 / (4 * atan(1.0))), 1);
     desc->options = common_options(given, &c->bar);
     desc->target_error = (float)options.target_error;

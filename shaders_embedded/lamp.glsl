@@ -12,6 +12,8 @@ const float SBL_SMALL = 16.0;       // a triangle is small if (squared distance)
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced
+const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays
+                                    // would meet the sensor's own surface
 
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
@@ -305,8 +307,10 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;
         s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);
         s.light *= 2.0 / (1.0 + cosine);
-        if (l.kind == SBL_LAMP_NEAR_LIGHT)
+        if (l.kind == SBL_LAMP_NEAR_LIGHT) {
             s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
+            s.far = max(s.far, max(SBL_LIGHT_AWAY * above, 1e-18));
+        }
     }
     s.light *= max(dot(n, s.direction), 0.0);
     return s;

@@ -880,6 +880,37 @@ TEST(light_too_bright) {
     scene_free(&s);
 }
 
+/* Light whose sums or variances overflow becomes NaN in no channel. */
+TEST(sums_of_light_that_overflow) {
+    enum { SIDE = 16 };
+    static float values[3 * SIDE * SIDE];
+    int way, channel, k;
+    for (way = 0; way < 2; way++) {  /* emission in a metal box; a light in a matte box */
+        test_scene s = { 0 };
+        const int walls = scene_material(&s, 0.9f, 0, 0.5f);
+        sbl_picture_desc bright = scene_view(SIDE, SIDE, 50, 0, 0, 3, 0, 0, 0);
+        scene_box(&s, walls, -1, -1, -1, 1, 1, 1);
+        s.mesh_count--;  /* the box is open towards the camera */
+        s.materials[walls].metallic = way ? 0.0f : 1.0f;
+        s.materials[walls].roughness = 0.3f;
+        if (way) scene_light(&s, SBL_LIGHT_POINT, 1e36f, 0, 1e36f)->position[1] = 0.01f;
+        else scene_floor(&s, scene_lamp(&s, 1e37f, 1e37f, 1e37f), 0.9f, 0.4f);
+        bright.options.mode = SBL_MODE_GI;
+        bright.options.preset = SBL_PRESET_DRAFT;
+        bright.target_error = 0.5f;
+        CHECK(scene_render(context, &s, &bright), "no picture: %s", watch_last(&seen));
+        for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+            const int count = SIDE * SIDE * sbl_channel_components((sbl_channel)channel);
+            CHECK(sbl_read_channel(context, (sbl_channel)channel, values, (size_t)count) == SBL_SUCCESS, "channel %d",
+                  channel);
+            for (k = 0; k < count && !isnan(values[k]); k++) {}
+            CHECK(k == count, "%s: float %d of channel %d is NaN", way ? "light" : "emission", k, channel);
+        }
+        scene_free(&s);
+    }
+    known_picture();
+}
+
 /* >>invalid sbl_picture_desc fields */
 
 static void bad_picture(const sbl_picture_desc *desc, sbl_result wanted, sbl_log_item item, const char *mistake,
@@ -1654,6 +1685,7 @@ int main(void) {
     RUN(degenerate_triangles);
     RUN(extreme_light);
     RUN(light_too_bright);
+    RUN(sums_of_light_that_overflow);
     RUN(picture_desc);
     RUN(picture_desc_all_at_once);
     RUN(picture_desc_ends_of_ranges);

@@ -902,8 +902,8 @@ TEST(matrices_place_points) {
           "a direction of length 0, one along up, or an impossible angle gives a matrix");
 }
 
-/* sRGB bytes: every byte comes back from its linear value by IEC 61966-2-1, half a step decides, and what is no number
-   is black. */
+/* sRGB bytes: every byte comes back from its linear value by IEC 61966-2-1, half a step decides, what is no number is
+   black, and infinite numbers keep their sign. */
 TEST(bytes_are_srgb) {
     static const float odd[8] = { -1, 0, 1, 7, 0, 0, 0, 0.5f };
     static const unsigned char expected[8] = { 0, 0, 255, 255, 255, 0, 0, 188 };
@@ -928,6 +928,16 @@ TEST(bytes_are_srgb) {
     values[6] = values[4] - values[4];
     sbl_encode_srgb8(bytes, values, 8, 1);
     for (i = 0; i < 8; i++) CHECK(bytes[i] == expected[i], "%g becomes %d", (double)values[i], bytes[i]);
+    for (i = 0; i < 8; i++) {  /* products with a factor that is negative, 0 or no number */
+        static const unsigned char products[4][8] = { { 255, 0, 0, 0, 0, 255, 0, 0 }, { 0 },
+                                                      { 0, 0, 255, 255, 255, 0, 0, 255 }, { 0 } };
+        const float factors[4] = { -1, 0, values[4], values[6] };
+        int k;
+        for (k = 0; k < 4; k++) {
+            sbl_encode_srgb8(&byte, &values[i], 1, factors[k]);
+            CHECK(byte == products[k][i], "%g times %g becomes %d", (double)values[i], (double)factors[k], byte);
+        }
+    }
 }
 
 int main(void) {

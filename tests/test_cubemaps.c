@@ -412,16 +412,22 @@ static int put_box(char *text, const double ends[2][3], int inside, int *corners
     return n;
 }
 
-static void glowing_room(void) {
+/* scale: factor of all lengths */
+static void glowing_room(double scale) {
     static char text[8192];
+    double walls[2][3], solid[2][3];
     int i, n = 0, corners = 1;
+    for (i = 0; i < 6; i++) {
+        walls[i / 3][i % 3] = scale * room[i / 3][i % 3];
+        solid[i / 3][i % 3] = scale * box[i / 3][i % 3];
+    }
     for (i = 0; i < 7; i++)
         n += sprintf(text + n, "newmtl m%d\nKd 0 0 0\nKe %g %g %g\n", i, i ? emitted[i - 1] : 0.5,
                      i ? emitted[i - 1] : 0.5, i ? 2.0 * emitted[i - 1] : 0.5);
     write_text("glow.mtl", text);
     n = sprintf(text, "mtllib glow.mtl\n");
-    n += put_box(text + n, room, 1, &corners);
-    put_box(text + n, box, 0, &corners);
+    n += put_box(text + n, (const double (*)[3])walls, 1, &corners);
+    put_box(text + n, (const double (*)[3])solid, 0, &corners);
     write_text("glow.obj", text);
 }
 
@@ -463,7 +469,7 @@ TEST(texels_show_what_rays_meet) {
     double d[3];
     int i, side, lines, wrong = 0, seen = 0;
     cube c;
-    glowing_room();
+    glowing_room(1);
     write_text("list.txt", "0.5 0.7 1\n2.25 0.45 3.25\n");
     REQUIRE(BAKE("glow.obj", FAST, "--cubemaps", "list.txt", "--cubemap-size", "32", "-o", "out") == 0, "%s", ran.err);
     CHECK(said("1 of 2 points are inside geometry"), "%s", ran.err);
@@ -491,6 +497,21 @@ TEST(texels_show_what_rays_meet) {
           "levels are wrong: %s", json);
     CHECK(exists("out/cubemap_0000_3.exr") && !exists("out/cubemap_0001.ktx2"), "files are wrong");
     check_levels(&c);
+    free_cube(&c);
+}
+
+/* In a room whose coordinates are so large that adding 1 does not change them, each face shows its wall. */
+TEST(large_rooms) {
+    int face;
+    cube c;
+    glowing_room(1e8);
+    write_text("list.txt", "5e7 7e7 1e8\n");
+    REQUIRE(BAKE("glow.obj", FAST, "--cubemaps", "list.txt", "--cubemap-size", "8", "-o", "large") == 0, "%s", ran.err);
+    REQUIRE(read_ktx2("large/cubemap_0000.ktx2", &c), "no cube map");
+    for (face = 0; face < 6; face++) {
+        const double found = (double)c.values[0][3 * (64 * face + 36)];
+        CHECK(fabs(found - emitted[face]) < 1e-3, "face %d shows %g, expected %d", face, found, emitted[face]);
+    }
     free_cube(&c);
 }
 
@@ -539,6 +560,7 @@ int main(int argc, char **argv) {
     RUN(gl_samples_the_written_cube_map);
     RUN_UNSANITIZED(cmgen_agrees);
     RUN(texels_show_what_rays_meet);
+    RUN(large_rooms);
     RUN(outdoors);
     RUN(wrong_command_lines_are_refused);
     tool_end();

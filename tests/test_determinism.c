@@ -262,6 +262,39 @@ TEST(moving_from_afar) {
     scene_free(&s);
 }
 
+/* Meshes that are moved far away, one after the other, and back again make the same scene to the bit, with the light
+   where it was. */
+TEST(meshes_return) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_site site = { { 0.01f, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 };
+    sbl_reading readings[2];
+    sbl_readings_desc gather = scene_readings(&site, readings, 1, SBL_MODE_DIRECT);
+    uint64_t fingerprints[2];
+    test_scene s = { 0 };
+    sbl_context *context;
+    int way, mesh;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
+    scene_quad(&s, 0, -0.5f, 0.1f, -0.5f, -0.3f, 0.1f, -0.5f, -0.3f, 0.3f, -0.5f, -0.5f, 0.3f, -0.5f);
+    scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[1] = 0.1f;
+    context = watch_context(&seen, &desc, &s);
+    if (!context) return;
+    for (way = 0; way < 2; way++) {
+        gather.readings = &readings[way];
+        fingerprints[way] = sbl_scene_fingerprint(context);
+        CHECK(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "%s", watch_last(&seen));
+        for (mesh = 0; mesh < 4 && !way; mesh++) {
+            const float away = mesh < 2 ? 1e6f : 0;
+            const float move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, away, away, away, 1 };
+            CHECK(sbl_set_mesh_transform(context, mesh % 2, move) == SBL_SUCCESS, "%s", watch_last(&seen));
+        }
+    }
+    CHECK(!memcmp(&readings[0], &readings[1], sizeof readings[0]), "R is %.9g after the return, and was %.9g",
+          (double)readings[1].radiance[0], (double)readings[0].radiance[0]);
+    CHECK(fingerprints[0] == fingerprints[1], "the fingerprint differs after the return");
+    sbl_destroy(context);
+    scene_free(&s);
+}
+
 /* >>seeds */
 
 /* The same seed gives the same picture. Another seed changes pixels, but hardly the mean of R. */
@@ -722,6 +755,7 @@ int main(void) {
         if (!i) RUN_PLAIN(past_buffer_textures);
     }
     RUN(moving_from_afar);
+    RUN(meshes_return);
     RUN(nothing_leaked);
     scene_free(&cornell);
     return test_report();

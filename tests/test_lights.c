@@ -409,6 +409,37 @@ TEST(disc_and_sphere_overhead) {
     }
 }
 
+/* Where a floor touches the sphere of a light, or is inside of it, the sphere fills the whole hemisphere, and R is its
+   radiance. No ray is blocked by the floor itself. */
+TEST(floors_inside_a_light) {
+    static const float radii[3] = { 0.5f, 0.5000001f, 2 };
+    static const sbl_backend backends[2] = { SBL_BACKEND_TRACE, SBL_BACKEND_RASTER };
+    sbl_site sites[2] = { { { 0, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 }, { { 0, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, -1 } };
+    int i;
+    for (i = 0; i < 6; i++) {
+        const double radius = (double)radii[i / 2], expected = 1 / (REF_PI * radius * radius);
+        sbl_reading readings[2];
+        sbl_readings_desc desc = scene_readings(sites, readings, 2, SBL_MODE_DIRECT);
+        sbl_scene_desc scene;
+        test_scene s = { 0 };
+        sbl_light *light;
+        int k;
+        add_floor(&s);
+        light = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
+        light->position[1] = 0.5f;
+        light->radius = (float)radius;
+        scene = scene_desc(&s);
+        desc.options.backend = backends[i % 2];
+        desc.options.rays = 64;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "the readings fail");
+        for (k = 0; k < 2; k++)
+            CHECK(fabs((double)readings[k].radiance[0] / expected - 1) < 1e-5, "radius %.7f, %s, site %d: R is %.6f, "
+                  "expected %.6f", radius, i % 2 ? "views" : "rays", k, (double)readings[k].radiance[0], expected);
+        scene_free(&s);
+    }
+}
+
 /* >>half covered lamps */
 
 /* Moves an opaque half plane at height 0.5, whose edge is not parallel to an axis, in small steps across the lamp at
@@ -1419,6 +1450,7 @@ int main(void) {
     RUN(spot_cones);
     RUN(spots_that_face_away);
     RUN(disc_and_sphere_overhead);
+    RUN(floors_inside_a_light);
     RUN(half_covered_single_looks);
     RUN(half_covered_default_settings);
     RUN(half_covered_noise_is_known);
