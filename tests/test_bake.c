@@ -670,7 +670,7 @@ TEST(interrupted) {
           "exit status %d, %s is kept: %s", ran.status, kept ? "light" : "nothing", ran.err);
     CHECK(!kept || light.width == 2048, "the unfinished lightmap is %d wide", light.width);
     free(light.values);
-    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("unfinished lightmap ("), "exit status %d: %s",
+    CHECK(interrupt_at(late, 2, SIGTERM) && ran.status == 143 && said("unfinished lightmap ("), "exit status %d: %s",
           ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
     CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") &&

@@ -86,10 +86,15 @@ exports_only() {
     grep -v '^sbl_[a-z]' "$folder/exports" | grep -vx main > "$folder/strangers"
     nothing "$folder/strangers"
 }
-# links SOURCE PROGRAM: compiles a file with $target's compiler, and links it for 64 bits. 32-bit programs never run,
-# and minimal.exe below is linked for 32 bits.
+# links SOURCE PROGRAM [FLAGS...]: compiles a file with $target's compiler, and links it for 64 bits. 32-bit programs
+# never run, and minimal.exe below is linked for 32 bits. FLAGS: only for 64 bits
 links() {
-    case $target in i686) set -- "$1" -fsyntax-only ;; *) set -- "$1" -lopengl32 -lgdi32 -o "$2" ;; esac
+    source=$1 linked=$2
+    shift 2
+    case $target in
+        i686) set -- -fsyntax-only "$source" ;;
+        *) set -- "$source" "$@" -lopengl32 -lgdi32 -o "$linked" ;;
+    esac
     "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$@"
 }
 gl_types() { "$@" -std=c99 $warnings -Wno-unused -fsyntax-only tests/header/gl_types.c; }
@@ -99,7 +104,8 @@ snippet() {
         echo '#include "examples/wgl.h"'
         echo 'int main(void) { sbl_context *c = wgl_open("wgl") ? start() : NULL; sbl_destroy(c); return c == NULL; }'
     } > "$folder/wgl_main.c"
-    links "$folder/wgl_main.c" "$folder/wgl.exe"
+    # ${target}_examples_compile leaves the object of the implementation
+    links "$folder/wgl_main.c" "$folder/wgl.exe" -DSBL_IMPLEMENTATION_INCLUDED "$copy/build/sbl.o"
 }
 windows_program() { links tests/header/windows.c "$folder/windows.exe"; }
 # the examples are built as README.md says; those that need POSIX are omitted
@@ -139,9 +145,9 @@ for target in i686 x86_64; do
     check "${target}_leaves_no_macros" leaves_no_macros
     check "${target}_exports_nothing_but_sbl_functions" exports_only
     check "${target}_gl_functions_have_their_types" gl_types "$target-w64-mingw32-gcc"
+    check "${target}_examples_compile" examples
     check "${target}_manual_compiles" snippet
     check "${target}_windows_compiles" windows_program
-    check "${target}_examples_compile" examples
     wine_target=$target  # wine runs the programs of this target
 done
 
