@@ -1679,6 +1679,27 @@ TEST(dropped_parts_of_gltf_are_named) {
     }
 }
 
+/* If the only camera of a file is orthographic, another view is chosen, and a warning says so. The unit of an FBX file
+   is printed, because it changes the positions that options give. */
+TEST(cameras_and_units_are_named) {
+    static const char *const lines[] = {
+        "orthographic cameras are not used, and the file has no other: a view was chosen (1 camera)" };
+    materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,"
+                   "\"znear\":0,\"zfar\":9}}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", lines, 1);
+    tool_use("sbl_bake");
+    TOOL("squares.gltf", "--mode", "direct", "--sky", "1,1,1", "--preset", "draft", "--vertices", "-o", "squares.ply");
+    check_warnings("squares.gltf", NULL, 0);
+    tool_use("sbl_render");
+    write_text("unit.fbx", "; FBX 7.3.0 project file\nFBXHeaderExtension: {\nFBXVersion: 7300\n}\nGlobalSettings: {\n"
+               "Version: 1000\nProperties70: {\nP: \"UnitScaleFactor\", \"double\", \"Number\", \"\",1\n}\n}\n"
+               "Objects: {\nGeometry: 1, \"Geometry::g\", \"Mesh\" {\nVertices: *9 {\na: 0,0,0,100,0,0,0,100,0\n}\n"
+               "PolygonVertexIndex: *3 {\na: 0,1,-3\n}\nGeometryVersion: 124\n}\nModel: 2, \"Model::m\", \"Mesh\" {\n"
+               "Version: 232\nProperties70: {\n}\n}\n}\nConnections: {\nC: \"OO\",2,0\nC: \"OO\",1,2\n}\n");
+    CHECK(TOOL("unit.fbx", SQUARES) == 0 && ran.err_lines == 1 && strstr(ran.err, "its unit is 0.01 m"), "%s", ran.err);
+}
+
 /* Copies the texts from `at` to the next semicolon that is not in a text, each with a line end, and returns their end.
    Adjacent texts are one text. */
 static const char *literals(const char *at, char *out, size_t size) {
@@ -2639,6 +2660,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
     RUN(dropped_parts_of_gltf_are_named);
+    RUN(cameras_and_units_are_named);
     RUN(missing_mtl_files_are_named);
     RUN(materials_can_be_matte);
     RUN(normal_maps_are_shown);
