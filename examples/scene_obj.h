@@ -87,6 +87,9 @@ static int scene__is_word(const char *at, const char *word) {
     return scene__word(at) == length && strncasecmp(at, word, length) == 0;
 }
 
+/* Returns 1 if a line begins a material. assimp does not accept capital letters here. */
+static int scene__is_newmtl(const char *line) { return scene__word(line) == 6 && strncmp(line, "newmtl", 6) == 0; }
+
 /* Returns 1 if the word at `at` is a number. number: receives it */
 static int scene__is_number(const char *at, double *number) {
     char *end;
@@ -158,7 +161,7 @@ static void scene__define(scene_file *file, scene__mtl *mtl, const char *at) {
 /* ---- complete .mtl files ---- */
 
 /* What is known of the material whose lines are being read. */
-typedef struct scene__mtl_state { int has_color, has_picture, is_ranged; } scene__mtl_state;
+typedef struct scene__mtl_state { int has_name, has_color, has_picture, is_ranged; } scene__mtl_state;
 
 /* Reads a line and edits its options. */
 static void scene__mtl_line(scene_file *file, scene__mtl *mtl, char *line, scene__mtl_state *state) {
@@ -167,7 +170,10 @@ static void scene__mtl_line(scene_file *file, scene__mtl *mtl, char *line, scene
         { "norm", SCENE__NORMAL }, { "map_Kn", SCENE__NORMAL } };
     scene__transform move;
     size_t i, count = sizeof maps / sizeof *maps;
-    if (scene__is_word(line, "newmtl")) scene__define(file, mtl, scene__after(line));
+    if (scene__is_newmtl(line)) {
+        scene__define(file, mtl, scene__after(line));
+        state->has_name = 1;
+    }
     state->has_color |= scene__is_word(line, "Kd");
     if (strncasecmp(line, "map_", 4) != 0 && !scene__is_word(line, "norm") && !scene__is_word(line, "bump") &&
         !scene__is_word(line, "disp") && !scene__is_word(line, "refl")) return;
@@ -180,7 +186,7 @@ static void scene__mtl_line(scene_file *file, scene__mtl *mtl, char *line, scene
 /* Prepares the content of an .mtl file and notes its materials. */
 static void scene__mend_mtl(scene_file *file, const char *path, scene__bytes *bytes, scene__mtl *mtl) {
     static const char white[] = "\nKd 1 1 1\n";
-    scene__mtl_state state = { 0, 0, 0 };
+    scene__mtl_state state = { 0, 0, 0, 0 };
     size_t lines = 2, used = 0;
     char *line, *out;
     scene__remove_mark(bytes);
@@ -190,14 +196,15 @@ static void scene__mend_mtl(scene_file *file, const char *path, scene__bytes *by
     for (line = bytes->data; ; line += strcspn(line, "\n"), line += *line == '\n') {
         char *const first = line + strspn(line, " \t");
         const size_t length = strcspn(line, "\n") + 1;
-        const int ends = !*line || scene__is_word(first, "newmtl");
-        if (ends && state.has_picture && !state.has_color) {
+        const int ends = !*line || scene__is_newmtl(first);
+        if (ends && state.has_name && state.has_picture && !state.has_color) {
             memcpy(out + used, white, sizeof white - 1);
             used += sizeof white - 1;
         }
         if (ends) state.has_picture = state.has_color = 0;
         if (!*line || file->error[0]) break;
         scene__mtl_line(file, mtl, first, &state);
+        if (!state.has_name) continue;  /* assimp crashes on lines before the first material */
         memcpy(out + used, line, length);
         used += length - !line[length - 1];
     }

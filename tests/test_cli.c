@@ -1524,12 +1524,14 @@ static void materials_gltf(const char *materials, const char *more) {
     }
     n += sprintf(json + n, "}],\"meshes\":[{\"primitives\":[");
     for (i = 0; i < count; i++)
-        n += sprintf(json + n, "%s{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":%d}", i ? "," : "", i);
+        n += sprintf(json + n, "%s{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2},\"indices\":1,\"material\":%d}",
+                     i ? "," : "", i);
     n += sprintf(json + n, "]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":0,"
                  "\"targets\":[{\"POSITION\":0}]}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":3}]}],"
                  "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\","
                      "\"min\":[-4,0,-4],\"max\":[4,0,4]},"
-                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"
+                 "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"}],"
                  "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}"
                      "],\"buffers\":[{\"byteLength\":60,\"uri\":\"squares.bin\"}],\"scene\":0,%s}", more);
     write_file("squares.gltf", json, (size_t)n);

@@ -1311,10 +1311,11 @@ TEST(transparent_surfaces_are_counted) {
     scene_file_free(file);
 }
 
-/* A byte order mark is no part of the first line of an .obj or .mtl file. An OBJ file without materials has the colours
+/* A byte order mark is no part of the first line of an .obj or .mtl file, whose lines before the first material are
+   ignored. An OBJ file without materials has the colours
    of its vertices. */
 TEST(oddities_of_obj) {
-    scene_file *file = read_obj("\xef\xbb\xbf", "newmtl m0\nKd 1 0.5 0\n", 1);
+    scene_file *file = read_obj("\xef\xbb\xbf", "map_Kd two.png\nnewmtl m0\nKd 1 0.5 0\n", 1);
     REQUIRE(file, "%s", error);
     CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "red is %g",
           (double)material_of(file, 0)->albedo[0]);
