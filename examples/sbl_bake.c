@@ -306,6 +306,7 @@ static int ends_with(const char *path, const char *ending) { return scene__ends_
 
 /* Reads the value of --part and checks the output name against it. Returns the exit status. */
 static int parse_part(void) {
+    int status;
     if (!given[PART]) return DONE;
     if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
         return misuse("--output %s: a part of a lightmap is an .exr file, and --join joins the parts", common.output);
@@ -316,7 +317,11 @@ static int parse_part(void) {
 #endif
     if (given[VERTICES] && !ends_with(common.output, ".ply"))
         return misuse("--output %s: a part is a .ply file, and sbl_merge joins them", common.output);
-    return plan_part_and_output(&options.part);
+    status = plan_part_and_output(&options.part);
+    if (status == DONE && options.lightmap && (double)options.lightmap * options.lightmap < options.part.count)
+        return misuse("--part %s: %d parts are too many for a map of %d x %d texels", options.part.text,
+                      options.part.count, options.lightmap, options.lightmap);
+    return status;
 }
 
 /* Reads and checks the value of --formats. Returns the exit status. */
@@ -840,6 +845,7 @@ int main(int argc, char **argv) {
     if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
     status = given[CUBEMAPS] ? find_cubemaps() : given[LIGHTMAP] && !given[PART] ? find_files() : find_file();
+    if (status == DONE) status = plan_check(&options.part);
     if (status == DONE && (given[PROBES] || given[CUBEMAPS])) status = prepare_probes();
     if (status == DONE)
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)

@@ -323,6 +323,12 @@ static void tell_formats(const lightmap *l) {
                 l->source.range, l->source.range);
 }
 
+/* Removes a file of an earlier bake in the same folder that would be wrong about this one. */
+static void remove_old(const char *name) {
+    struct stat info;
+    if (stat(name, &info) == 0 && S_ISREG(info.st_mode)) unlink(name);
+}
+
 /* Writes the files of a map. group: 0: those that show l->light; 1: all others. Returns the exit status. */
 static int keep_files(lightmap *l, int group) {
     int status;
@@ -331,6 +337,7 @@ static int keep_files(lightmap *l, int group) {
     status = keep_maps(l, MAP_ATLAS, MAP_PICTURES - 1);
     if (status == DONE) status = keep_file(l, map_target(l->index, ATLAS_PNG), write_atlas_png);
     if (status == DONE && l->overlap.values) status = keep_file(l, map_target(l->index, OVERLAP), write_overlap);
+    else if (status == DONE) remove_old(targets[map_target(l->index, OVERLAP)].name);
     return status;
 }
 
@@ -441,6 +448,7 @@ static int write_table(FILE *out, const void *what) {
 
 /* Writes the files of the scene, after all maps. Returns the exit status. */
 static int keep_scene(map_scene *s) {
+    char old_table[PATH_MAX];
     int i, status = DONE;
     snprintf(s->extras, sizeof s->extras, "{\"rgbm_range\": %.9g}", s->baked[0].range);
     if (options.formats.wanted[MAP_RGBM] && map_count == 1) s->gltf.extras = s->extras;  /* else in maps.json */
@@ -450,6 +458,10 @@ static int keep_scene(map_scene *s) {
     }
     if (status == DONE) status = keep_lit(s);
     if (status == DONE && map_count > 1) status = keep_file(s, TABLE, write_table);
+    if (status == DONE && map_count == 1 && !given[MAP]) {
+        snprintf(old_table, sizeof old_table, "%s/%s", common.output, names[TABLE]);
+        remove_old(old_table);
+    }
     if (status == DONE) status = keep_file(s, BIN, write_scene_bin);
     return status == DONE ? keep_file(s, GLTF, write_scene) : status;
 }

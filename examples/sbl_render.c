@@ -220,6 +220,7 @@ static void note_effects(void) {
 
 /* Reads the value of --part and checks the options that go with it. Returns the exit status. */
 static int parse_part(void) {
+    int status;
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
     if (!given[PART]) return DONE;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
@@ -228,7 +229,11 @@ static int parse_part(void) {
         return misuse("--output %s: a part is an .exr file, and sbl_merge joins them to a .png, .pfm or .exr; a .png "
                       "needs --channel display", common.output);
     if (given[PLAN]) common.input = options.part.plan;
-    return plan_part_and_output(&options.part);
+    status = plan_part_and_output(&options.part);
+    if (status == DONE && (double)camera.size[0] * camera.size[1] < options.part.count)
+        return misuse("--part %s: %d parts are too many for a picture of %d x %d pixels", options.part.text,
+                      options.part.count, camera.size[0], camera.size[1]);
+    return status;
 }
 
 /* Reads the options that choose frames. With frames, --part gives each machine a share of them. Returns the exit
@@ -297,14 +302,15 @@ static int find_targets(int checked) {
     return targets_check(checked, given);
 }
 
-/* Checks the files of all frames and lists those of the first frame. file: the scene, or NULL if it has not been read
+/* Checks the files of all frames and lists those of the first frame. If the scene has not been read yet, also checks
+   that they can be written. file: the scene, or NULL if it has not been read
    yet. Returns the exit status. */
 static int check_frames(scene_file *file) {
     char folder[PATH_MAX + 16];
     int n, status = DONE;
     for (n = frames.last; n >= frames.first && status == DONE; n--) {
         frames_go(n);
-        status = find_targets(n == frames.last && !file ? PARTIAL : 0);
+        status = find_targets(file ? 0 : PARTIAL);
         if (status == DONE && file) status = targets_check_read(file);
         snprintf(folder, sizeof folder, "%s.parts", common.output);
         if (status == DONE && given[RESUME] && access(common.output, F_OK) == 0 && access(folder, F_OK) != 0)
@@ -840,6 +846,7 @@ int main(int argc, char **argv) {
     if (given[VERSION]) { printf("sbl_render %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
     status = frames.now ? check_frames(NULL) : find_targets(PARTIAL);
+    if (status == DONE) status = plan_check(&options.part);
     if (status == DONE) status = tool_run(start, given, render, frames.now ? check_frames : NULL, arrange);
     studio_free(&studio_of_tool);
     frames_free();

@@ -22,6 +22,7 @@ typedef struct scene__main_file {
     scene__bytes bytes;
     const scene__bytes *floats;  /* content of the file scene__floats_name */
     char missing[160];  /* an .mtl file that could not be read, or an empty text */
+    scene__mtl *mtl;    /* receives the materials of all .mtl files */
 } scene__main_file;
 
 static scene__stream *scene__of(struct aiFile *file) { return (scene__stream *)(void *)file->UserData; }
@@ -50,47 +51,12 @@ static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrig
     return aiReturn_SUCCESS;
 }
 
-/* Removes a byte order mark, which assimp takes for a part of the first line. */
-static void scene__remove_mark(scene__bytes *bytes) {
-    if (bytes->size < 3 || memcmp(bytes->data, "\xef\xbb\xbf", 3) != 0) return;
-    bytes->size -= 3;
-    memmove(bytes->data, bytes->data + 3, bytes->size + 1);
-}
-
-/* Returns 1 if a line of an .mtl file scales or moves a texture (-s, -o), which assimp ignores. */
-static int scene__moves_texture(const char *line) {
-    static const char *const options[] = { " -s ", " -o " };
-    const size_t length = strcspn(line, "\r\n");
-    float numbers[3];
-    int i, k, moves = 0;
-    for (i = 0; i < 2; i++) {
-        const char *at = strstr(line, options[i]);
-        const int count = at && at < line + length ? sscanf(at + 4, "%f %f %f", &numbers[0], &numbers[1], &numbers[2])
-                                                   : 0;
-        for (k = 0; k < count; k++) moves |= fabsf(numbers[k] - (i ? 0.0f : 1.0f)) > 0;
-    }
-    return moves;
-}
-
-/* Prepares the content of an .mtl file, and warns of what assimp ignores in it. */
-static void scene__mend_mtl(scene_file *file, const char *path, scene__bytes *bytes) {
-    const char *line = bytes->data;
-    int moves = 0;
-    scene__remove_mark(bytes);
-    for (; line && !moves; line = line ? line + 1 : NULL) {
-        moves = scene__moves_texture(line);
-        line = strchr(line, '\n');
-    }
-    if (moves)
-        scene__warn(file, "%.150s: its textures are neither scaled nor moved: -s and -o are ignored", path);
-}
-
 /* Notes whether an .mtl file could be read. assimp tries several paths for it, and does not report a failure. bytes:
    its content, or NULL */
 static void scene__note_mtl(scene__main_file *main_file, const char *path, scene__bytes *bytes) {
     char *missing = main_file->missing;
     if (!scene__ends_with(path, ".mtl")) return;
-    if (bytes) scene__mend_mtl(main_file->file, path, bytes);
+    if (bytes) scene__mend_mtl(main_file->file, path, bytes, main_file->mtl);
     if (bytes) missing[0] = 0;
     else if (!missing[0]) scene__print(missing, sizeof main_file->missing, "%s", path);
 }
@@ -144,45 +110,17 @@ static void scene__close(struct aiFileIO *io, struct aiFile *file) {
     free(file);
 }
 
-/* Inserts a zero before each leading decimal point of an OBJ file, because assimp reads "v .5 -.5 0" as a line with a
-   single number. */
-static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
-    size_t i, inserted = 0, pass;
-    char *out = NULL;
-    for (pass = 0; pass < 2; pass++) {  /* the first pass counts, the second copies */
-        int vertex = 0, line_start = 1;
-        char last = '\n';
-        if (pass == 1) {
-            if (!inserted) return;
-            out = (char *)malloc(bytes->size + inserted + 1);
-            if (!out) { scene__fail_for_memory(file, "it"); return; }
-            inserted = 0;
-        }
-        for (i = 0; i < bytes->size; i++) {
-            char c = bytes->data[i];
-            if (c == '\n' || c == '\r') line_start = 1;
-            else if (line_start && c != ' ' && c != '\t') { vertex = c == 'v'; line_start = 0; }
-            if (vertex && c == '.' && (last == ' ' || last == '\t' || last == '-' || last == '+')) {
-                if (out) out[i + inserted] = '0';
-                inserted++;
-            }
-            if (out) out[i + inserted] = c;
-            last = c;
-        }
-    }
-    out[bytes->size + inserted] = 0;
-    free(bytes->data);
-    bytes->data = out;
-    bytes->size += inserted;
-}
-
 /* ---- materials ---- */
 
 typedef struct scene__reader {
     scene_file *file;
     const struct aiScene *in;
     int is_gltf;
+    int is_obj;
+    double unit;         /* factor of all lengths; see scene__unit_of */
     int is_bare;         /* 1: the file has no materials; assimp then returns one of its own */
+    int lacks_mtl;       /* 1: an .mtl file could not be read, which a warning has said */
+    scene__mtl mtl;      /* the materials of an .obj file */
     sbl_material *materials;
     scene__pictures pictures;
     int not_matte;       /* 1: a material is glossy, metallic or transmissive; see scene__gloss */
@@ -548,6 +486,14 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
     if (!out->normal_texture) out->normal_scale = 0;
 }
 
+/* Returns the transforms of the texture coordinates of a material, one per texture, or NULL. */
+static const scene__transform *scene__moves_of(const scene__reader *r, const scene__told *told) {
+    const scene__defined *defined = r->is_obj ? scene__find_defined(&r->mtl, told->name) : NULL;
+    const int is_known = told->is_told && told->number >= 0 && told->number < r->taken.material_count;
+    if (defined) return defined->moves;
+    return is_known ? r->taken.transforms + SCENE__PICTURES * told->number : NULL;
+}
+
 /* Chooses the set of texture coordinates of a material and their transform: those of its first texture. Warns if others
    have other ones. has: 1 for each texture that the material has */
 static void scene__choose_texcoords(scene__reader *r, unsigned index, const scene__use_of_picture *all,
@@ -556,15 +502,14 @@ static void scene__choose_texcoords(scene__reader *r, unsigned index, const scen
         "mask" };
     static const scene__transform none = { { 1, 0, 0, 0, 1, 0 } };
     const scene__told told = scene__told_by(r, r->in->mMaterials[index]);
-    const int is_known = told.is_told && told.number >= 0 && told.number < r->taken.material_count;
-    const scene__transform *own = is_known ? r->taken.transforms + SCENE__PICTURES * told.number : NULL;
+    const scene__transform *own = scene__moves_of(r, &told);
     int i, first = 0, differs = 0;
     while (first < SCENE__PICTURES && !has[first]) first++;
     r->uv_set[index] = first < SCENE__PICTURES ? all[first].set : 0;
     if (own && first < SCENE__PICTURES && memcmp(&own[first], &none, sizeof none) != 0) r->moves[index] = &own[first];
     for (i = first; i < SCENE__PICTURES; i++)
         if (has[i]) r->repeated[index] |= (char)scene__repeats_instead(&all[i]);
-    for (i = first; i <= SCENE__NORMAL; i++)
+    for (i = first; i < SCENE__PICTURES; i++)
         differs |= has[i] && (all[i].set != all[first].set || (own && memcmp(&own[i], &own[first], sizeof *own) != 0));
     if (differs)
         scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
@@ -694,9 +639,29 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
     if ((told.bits & SCENE__TOLD_SPECULAR) && r->materials[index].ior > 0) scene__count(r->file, SCENE_FILE_SPECULAR);
 }
 
+/* Warns of used materials that no .mtl file defines. */
+static void scene__warn_of_undefined(const scene__reader *r) {
+    const int is_colored = r->is_bare && scene__has_vertex_colors(r->in);
+    char first[128] = "";
+    unsigned i, count = 0;
+    for (i = 0; i < r->in->mNumMaterials && r->is_obj && !r->lacks_mtl && !is_colored; i++) {
+        const scene__told told = scene__told_by(r, r->in->mMaterials[i]);
+        if (!r->shown[i] || strcmp(told.name, AI_DEFAULT_MATERIAL_NAME) == 0) continue;
+        if (scene__find_defined(&r->mtl, told.name)) continue;
+        if (!count++) scene__print(first, sizeof first, "%s", told.name);
+    }
+    if (count == 1) scene__warn(r->file, "no .mtl file defines the material %s: its surfaces are grey", first);
+    else if (count)
+        scene__warn(r->file, "no .mtl file defines %u of the materials, such as %s: their surfaces are grey", count,
+                    first);
+}
+
 /* Counts the features of the scene that sbl.h does not support. Called after the meshes are placed. */
 static void scene__count_all(const scene__reader *r) {
     unsigned i;
+    scene__warn_of_undefined(r);
+    for (i = 0; i < r->in->mNumCameras && !r->file->has_camera; i++)
+        if (r->in->mCameras[i]->mOrthographicWidth != 0.0f) scene__count(r->file, SCENE_FILE_CAMERA);
     for (i = 0; i < r->in->mNumMaterials; i++) if (r->shown[i]) scene__count_material(r, i);
     for (i = 0; i < r->in->mNumAnimations; i++)
         if (!scene__motion_has_all(&r->motion, r->in->mAnimations[i])) scene__count(r->file, SCENE_FILE_ANIMATION);
@@ -746,18 +711,27 @@ static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsign
     return v;
 }
 
+/* Returns 1 if vertex colours have an alpha. assimp returns 0 for all vertices if a .gltf has only red, green and
+   blue. */
+static int scene__has_alpha(const struct aiMesh *in) {
+    unsigned i;
+    for (i = 0; in->mColors[0] && i < in->mNumVertices; i++) if (in->mColors[0][i].a != 0.0f) return 1;
+    return 0;
+}
+
 /* Returns the vertex colours of a mesh, or NULL if none are needed. Their alpha includes the opacity of the material,
    because sbl_material has no factor for alpha. This is exact with and without a texture, and needs no copy of a
    picture. */
 static float *scene__vertex_colors(scene__reader *r, const struct aiMesh *in, float opacity) {
     const size_t count = in->mNumVertices;
+    const int has_alpha = scene__has_alpha(in);
     float *v;
     size_t i;
     if (!in->mColors[0] && !(opacity < 1)) return NULL;
     v = in->mColors[0] ? scene__vectors(r->file, &in->mColors[0]->r, in->mNumVertices, 4, 4)
                        : (float *)scene__alloc(r->file, count, 4 * sizeof *v);
     for (i = 0; v && i < 4 * count; i++) {
-        if (!in->mColors[0]) v[i] = 1;
+        if (!in->mColors[0] || (i % 4 == 3 && !has_alpha)) v[i] = 1;
         if (i % 4 == 3) v[i] *= opacity;
         if (v[i] < 0.0f) v[i] = 0;
         if (v[i] > 1.0f) v[i] = 1;
@@ -775,6 +749,11 @@ static void scene__count_repeats(scene_file *file, const float *texcoords, int c
     if (leaves) scene__count(file, SCENE_FILE_WRAP);
 }
 
+static int scene__has_texture(const sbl_material *m) {
+    return m->albedo_texture || m->emission_texture || m->specular_texture || m->transmission_texture ||
+           m->normal_texture;
+}
+
 static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
     const int has_material = in->mMaterialIndex < r->in->mNumMaterials;
     const unsigned set_of = has_material ? r->uv_set[in->mMaterialIndex] : 0;
@@ -786,6 +765,8 @@ static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mes
     out->lightmap_texcoords.data = set == 1 && !move ? out->texcoords.data : scene__texcoords(r, in, 1, NULL);
     if (has_material && r->repeated[in->mMaterialIndex])
         scene__count_repeats(r->file, (const float *)out->texcoords.data, (int)count, r->repeated[in->mMaterialIndex]);
+    if (has_material && !out->texcoords.data && scene__has_texture(&r->materials[in->mMaterialIndex]))
+        scene__count(r->file, SCENE_FILE_UNMAPPED);
     out->colors.data = scene__vertex_colors(r, in, has_material ? r->opacity[in->mMaterialIndex] : 1);
 }
 
@@ -955,13 +936,13 @@ typedef struct scene__node { const struct aiNode *node; double transform[16]; } 
 /* Visits all nodes in depth-first order. It uses a list instead of recursion, so that a chain of a million nodes cannot
    overflow the stack. */
 static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const scene__node *at)) {
-    static const double identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
+    const double scaled[16] = { r->unit, 0, 0, 0, 0, r->unit, 0, 0, 0, 0, r->unit, 0, 0, 0, 0, 1 };
     size_t room = 64, count = 1;
     unsigned i;
     scene__node *list = (scene__node *)malloc(room * sizeof *list);
     if (!list) { scene__fail_for_memory(r->file, "it"); return; }
     list[0].node = r->in->mRootNode;
-    scene__multiply(list[0].transform, identity, &r->in->mRootNode->mTransformation);
+    scene__multiply(list[0].transform, scaled, &r->in->mRootNode->mTransformation);
     while (count && !r->file->error[0]) {
         const scene__node at = list[--count];
         visit(r, &at);
@@ -1151,6 +1132,21 @@ static int scene__make_room(scene__reader *r) {
     return !r->file->error[0];
 }
 
+/* Returns the length of the unit of an FBX file in metres: its UnitScaleFactor is in centimetres. Returns 1 for other
+   files: glTF is in metres, assimp has converted the lengths of Collada, and the others have no unit. */
+static double scene__unit_of(const struct aiScene *in, const char *path) {
+    const struct aiMetadata *m = in->mMetaData;
+    double centimetres = 1;
+    unsigned i;
+    if (!scene__ends_with(path, ".fbx")) return 1;
+    for (i = 0; m && i < m->mNumProperties; i++) {
+        if (strcmp(m->mKeys[i].data, "UnitScaleFactor") != 0) continue;
+        if (m->mValues[i].mType == AI_FLOAT) centimetres = (double)*(const float *)m->mValues[i].mData;
+        if (m->mValues[i].mType == AI_DOUBLE) centimetres = *(const double *)m->mValues[i].mData;
+    }
+    return centimetres > 1e-6 && centimetres < 1e9 ? 0.01 * centimetres : 0.01;
+}
+
 /* Returns the name of the program that wrote the file, or an empty text. */
 static const char *scene__generator(const struct aiScene *in) {
     const struct aiMetadata *m = in->mMetaData;
@@ -1164,6 +1160,7 @@ static const char *scene__generator(const struct aiScene *in) {
 static void scene__convert(scene__reader *r) {
     scene_file *file = r->file;
     unsigned i;
+    file->unit = r->unit = scene__unit_of(r->in, r->pictures.path);
     if (scene__make_room(r)) {
         for (i = 0; i < 3; i++) r->materials[0].albedo[i] = SCENE__GREY;  /* default material, if the file has none */
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__factors(r, i);
@@ -1196,6 +1193,26 @@ static void scene__convert(scene__reader *r) {
     free(r->motion.links);
 }
 
+/* Adds a grey material to a Collada file, whose id precedes all others, because assimp gives the first material to
+   surfaces that have none. */
+static void scene__mend_dae(scene_file *file, scene__bytes *bytes) {
+    static const char added[] = "<library_effects><effect id=\"!\"><profile_COMMON><technique sid=\"common\"><lambert>"
+        "<diffuse><color>0.6 0.6 0.6 1</color></diffuse></lambert></technique></profile_COMMON></effect>"
+        "</library_effects><library_materials><material id=\"!\"><instance_effect url=\"#!\"/></material>"
+        "</library_materials>";
+    const char *const end = strstr(bytes->data, "</asset>");
+    const size_t before = end ? (size_t)(end - bytes->data) + 8 : 0, length = sizeof added - 1;
+    char *out = end ? (char *)malloc(bytes->size + length + 1) : NULL;
+    if (!end) return;
+    if (!out) { scene__fail_for_memory(file, "it"); return; }
+    memcpy(out, bytes->data, before);
+    memcpy(out + before, added, length);
+    memcpy(out + before + length, bytes->data + before, bytes->size - before + 1);
+    free(bytes->data);
+    bytes->data = out;
+    bytes->size += length;
+}
+
 /* Reads a scene. bytes: content of the file, which the caller frees */
 static void scene__read_scene(scene_file *file, const char *path, scene__bytes *bytes) {
     scene__main_file main_file;
@@ -1204,23 +1221,27 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     scene__reader r;
     memset(&r, 0, sizeof r);
     r.is_gltf = scene__ends_with(path, ".gltf") || scene__ends_with(path, ".glb");
-    if (r.is_gltf || scene__ends_with(path, ".obj")) scene__remove_mark(bytes);
+    r.is_obj = scene__ends_with(path, ".obj");
+    if (r.is_gltf || r.is_obj) scene__remove_mark(bytes);
     if (r.is_gltf) scene__mend_gltf(file, path, bytes, &r.taken);
     r.is_bare = scene__ends_with(path, ".stl") ||
                 (scene__ends_with(path, ".ply") && !scene__mentions(bytes, "element material")) ||
-                (scene__ends_with(path, ".obj") && !scene__mentions(bytes, "mtllib"));
-    if (scene__ends_with(path, ".obj")) scene__mend_obj(file, bytes);
+                (r.is_obj && !scene__mentions(bytes, "mtllib"));
+    if (r.is_obj) scene__mend_obj(file, bytes);
+    if (scene__ends_with(path, ".dae")) scene__mend_dae(file, bytes);
     main_file.file = file;
     main_file.path = path;
     main_file.bytes = *bytes;
     main_file.floats = &r.taken.floats;
     main_file.missing[0] = 0;
+    main_file.mtl = &r.mtl;
     io.OpenProc = scene__open;
     io.CloseProc = scene__close;
     io.UserData = (char *)&main_file;
     r.in = aiImportFileEx(path, steps, &io);
     if (main_file.missing[0])
         scene__warn(file, "materials %s cannot be read; surfaces that use them are grey", main_file.missing);
+    r.lacks_mtl = main_file.missing[0] != 0;
     r.file = r.pictures.file = file;
     r.pictures.path = path;
     r.pictures.embedded = scene__find_embedded;
@@ -1233,6 +1254,7 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     if (r.in) aiReleaseImport(r.in);
     free(r.taken.transforms);
     free(r.taken.floats.data);
+    scene__free_mtl(&r.mtl);
 }
 
 #endif

@@ -16,10 +16,10 @@
    their transforms (each use of a mesh becomes an sbl_mesh with its own id; all uses share the arrays), the first
    perspective camera, point, spot and directional lights, and these materials and lights:
 
-       OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Ke
-             without Ke gets Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
-             illum 4, 6, 7 and 9 with d, Ni and Tf become panes, see scene__glass and scene__glaze. norm is a normal
-             map
+       OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Kd
+             without Kd gets Kd 1 1 1, map_Ke without Ke gets Ke 1 1 1. The options -s and -o of textures are read. Ns
+             Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss; illum 4, 6, 7 and 9 with d, Ni and
+             Tf become panes, see scene__glass and scene__glaze. norm is a normal map
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
              metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular if its
@@ -28,6 +28,8 @@
              but only with cJSON
        else  the same features, as far as assimp returns them; the colour of a light is its intensity; a falloff
              other than by the square of the distance is ignored
+
+   FBX files state a unit of length, mostly a centimetre; their lengths become metres.
 
    Surfaces without a material have the albedo 0.6. In glTF, such a surface has the albedo 1, as glTF requires. STL, PLY
    and OBJ without an .mtl have no materials; their vertex colours and textures are not multiplied by 0.6.
@@ -55,8 +57,8 @@
        The kernel forbids the child almost everything else (scene_sandbox.h).
 
    In the child, scene_gltf.h edits a .gltf before assimp reads it, scene_integers.h converts its integers to floats,
-   scene_assimp.h converts the result of assimp, scene_motion.h computes the poses of animated nodes, and
-   scene_pictures.h decodes pictures. */
+   scene_obj.h edits .obj and .mtl files, scene_assimp.h converts the result of assimp, scene_motion.h computes the
+   poses of animated nodes, and scene_pictures.h decodes pictures. */
 #ifndef SCENE_FILE_H
 #define SCENE_FILE_H
 
@@ -113,6 +115,7 @@ typedef struct scene_file_options {
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
     X(GONE, "material", "materials", "transparent surfaces are left out: their opacity is 0, or below the cutoff") \
     X(WRAP, "mesh", "meshes", "textures that the file mirrors, or clamps along one axis, are repeated") \
+    X(UNMAPPED, "mesh", "meshes", "without texture coordinates, a texture shows only the colour of its corner") \
     X(NORMAL_MAP, "material", "materials", "normal maps are ignored") \
     X(HEIGHT, "material", "materials", "bump maps and displacement (textures of heights) are ignored") \
     X(TEXTURE, "material", "materials", "textures of metal, roughness or gloss are not read") \
@@ -122,6 +125,7 @@ typedef struct scene_file_options {
     X(EXTENSION, "material", "materials", "further material extensions, such as iridescence, are ignored") \
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \
     X(AREA, "light", "lights", "area lights and ambient lights are left out") \
+    X(CAMERA, "camera", "cameras", "orthographic cameras are not used, and the file has no other: a view was chosen") \
     X(LINES, "mesh", "meshes", "lines and points are left out") \
     X(FLAT, "node", "nodes", "nodes whose scale is 0 along an axis are left out") \
     X(POSE, "mesh", "meshes", "skins and morph targets are read in their rest pose") \
@@ -162,6 +166,8 @@ typedef struct scene_file {
                                      -1 if it has no second texture coordinates */
     const scene_file_place *places;  /* one per mesh; lightmap_texcoords already include it */
     int units;                    /* unit of the lights, one of SCENE_UNITS_; see scene_file_scale_lights */
+    double unit;                  /* unit of length of the file in metres, by which lengths were multiplied; 1 if the
+                                     file is in metres or states no unit */
     int exporter_version[2];      /* major and minor version of Blender's exporter */
     int read_count;               /* number of files in `read`, which lists the first files that were read */
     struct { dev_t device; ino_t inode; } read[SCENE_FILE_READ];
@@ -225,6 +231,7 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_pictures.h"
 #include "scene_integers.h"
 #include "scene_gltf.h"
+#include "scene_obj.h"
 #include "scene_motion.h"
 #include "scene_assimp.h"
 #include "scene_sandbox.h"

@@ -326,7 +326,7 @@ static int scene__lists(const cJSON *list, const char *name) {
 static void scene__check_required(scene_file *file, const cJSON *required) {
     static const char *const known[] = { "KHR_lights_punctual", "KHR_texture_transform", "KHR_draco_mesh_compression",
         "KHR_mesh_quantization", "EXT_meshopt_compression", "KHR_meshopt_compression", "EXT_mesh_gpu_instancing",
-        "KHR_node_visibility", "MOZ_lightmap" };
+        "KHR_node_visibility", "MOZ_lightmap", "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif" };
     static const char start[] = "KHR_materials_";
     const cJSON *item;
     cJSON_ArrayForEach(item, required) {
@@ -357,9 +357,25 @@ static void scene__check_extensions(scene_file *file, const cJSON *root) {
     scene__check_required(file, required);
 }
 
+/* Warns of textures without a picture in a format that every reader of glTF knows; assimp omits them. */
+static void scene__check_textures(scene_file *file, const cJSON *root) {
+    const cJSON *texture, *extension;
+    const char *format = NULL;
+    int count = 0;
+    cJSON_ArrayForEach(texture, scene__item(root, "textures")) {
+        if (scene__item(texture, "source")) continue;
+        count++;
+        cJSON_ArrayForEach(extension, scene__item(texture, "extensions")) format = extension->string;
+    }
+    if (count)
+        scene__warn(file, "textures without a .png or .jpg picture are left out (%d %s%s%.100s)", count,
+                    count == 1 ? "texture" : "textures", format ? ", " : "", format ? format : "");
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root, scene__taken *taken) {
     cJSON *item, *number;
     scene__check_extensions(file, root);
+    scene__check_textures(file, root);
     item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
     if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
         file->map_size = item->valueint;
@@ -426,7 +442,7 @@ static void scene__mend_gltf(scene_file *file, const char *path, scene__bytes *b
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
         "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility",
-        "KHR_texture_transform", "KHR_mesh_quantization", "normalized" };
+        "KHR_texture_transform", "KHR_mesh_quantization", "normalized", "_texture_" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

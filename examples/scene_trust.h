@@ -63,6 +63,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
     file->capacity = capacity;
     for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) if (file->simplified[i] < 0) return 0;
     if (file->map_count < 0 || file->map_size < 0 || file->map_size > SCENE__MOST_SIZE) return 0;
+    if (!(file->unit >= 0 && file->unit < 1e9)) return 0;
     if (file->units < 0 || file->units >= SCENE_UNITS_COUNT) return 0;
     for (i = 0; i < SCENE_FILE_WARNINGS; i++) file->warnings[i][sizeof file->warnings[i] - 1] = 0;
     if (file->used < sizeof *file || file->used > capacity || file->warning_count < 0 ||

@@ -98,4 +98,15 @@ static int plan_part_and_output(part_choice *part) {
     return status;
 }
 
+/* Checks that the file of --plan can be written if it does not exist. Returns the exit status. */
+static int plan_check(const part_choice *part) {
+    output_file file;
+    int status = DONE;
+    if (!part->plan || access(part->plan, F_OK) == 0) return DONE;
+    if (!output_find(&file, part->plan) || !output_check(&file))
+        status = fail("--plan %s: cannot be written: %s; give another file name", part->plan, strerror(errno));
+    output_free(&file);
+    return status;
+}
+
 #endif

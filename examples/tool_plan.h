@@ -275,13 +275,27 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
     return p->count > 0 && end == p->count;
 }
 
+/* Reports the first fact in which a plan differs from this run. The hashes of scene and camera tell a user nothing, so
+   that they are only reported if nothing else differs. Returns the exit status. made: the facts of the plan */
+static int plan__refuse(const plan *p, const char *name, char (*made)[PICTURE_FACT_SIZE]) {
+    static const int order[] = { FACT_VERSION, FACT_OPTIONS, FACT_CHANNEL, FACT_SIZE };
+    size_t k = 0;
+    while (k < sizeof order / sizeof *order && strcmp(made[order[k]], p->facts[order[k]].text) == 0) k++;
+    if (k < sizeof order / sizeof *order)
+        return fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name", name,
+                    fact_words[order[k]], fact_shown(made[order[k]]), fact_shown(p->facts[order[k]].text));
+    return fail("%s: this plan was made %s; remove it, or give another name", name,
+                strcmp(made[FACT_SCENE], p->facts[FACT_SCENE].text) == 0 ? fact_words[FACT_CAMERA]
+                : "from another scene, or with other materials, lights or texture coordinates");
+}
+
 /* Reads a plan from a file. p must already have the facts of this run, except for mean, price and exposure, which are
    read. Returns DONE; or FAILED with a message if the file is not a plan, or a plan of another picture; or -1 if the
    file does not exist. */
 static int plan_read(plan *p, const char *name, const int size[2]) {
-    static char line[PICTURE_FACT_SIZE + 64];
+    static char line[PICTURE_FACT_SIZE + 64], made[FACT_COUNT][PICTURE_FACT_SIZE];
     FILE *in = input_open(name);
-    int i, status = DONE, valid = 1;
+    int i, status = DONE, valid = 1, differs = 0;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
     if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
@@ -293,13 +307,13 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
         valid = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
         if (!valid) break;
         *end = 0;
+        snprintf(made[i], sizeof made[i], "%.*s", (int)sizeof made[i] - 1, value);
         if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) {
             plan_fact(p, i, "%s", value);
             valid = plan__is_valid(i, value);
-        } else if (i != FACT_RENDERER && strcmp(value, p->facts[i].text))
-            status = fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name",
-                          name, fact_words[i], fact_shown(value), fact_shown(p->facts[i].text));
+        } else if (i != FACT_RENDERER) differs |= strcmp(value, p->facts[i].text) != 0;
     }
+    if (status == DONE && valid && differs) status = plan__refuse(p, name, made);
     if (status == DONE && !(valid && plan__read_windows(p, in, size)))
         status = fail("%s: it is damaged; remove it", name);
     fclose(in);

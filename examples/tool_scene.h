@@ -119,14 +119,14 @@ static const char *const help_words[] = { "all", NULL };
 #define TOOL__BAKE(text)
 #define TOOL__TILE "16"
 #define TOOL__PIXEL "pixel"
-enum { TOOL_RAYS_MAX = 4096 };
+enum { TOOL_RAYS_MAX = 4096, TOOL__HAS_CAMERA = 1 };
 static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
 #else
 #define TOOL__PAPER(text)
 #define TOOL__BAKE(text) text
 #define TOOL__TILE "8"
 #define TOOL__PIXEL "texel"
-enum { TOOL_RAYS_MAX = 65536 };  /* of probes; sbl_bake checks the limits of everything else */
+enum { TOOL__HAS_CAMERA = 0, TOOL_RAYS_MAX = 65536 };  /* rays of probes; sbl_bake checks the limits of others */
 static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
 #endif
 static const char *const preset_words[] = { "draft", "default", "high", NULL };
@@ -445,7 +445,9 @@ static int target_write(output_file *target, output_writer write, const void *wh
 
 static const char *why_not_written(void) { return errno ? strerror(errno) : "the writer failed"; }
 
+/* Reports a file that could not be written, because of an error or of a signal. Returns the exit status. */
 static int fail_to_write(const char *name) {
+    if (interrupted) return stop("%s was not written", name);
     return fail("%s: cannot be written: %s; free some space or give another file name", name, why_not_written());
 }
 
@@ -668,6 +670,8 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     int i;
     scene_file_note_units(file, text, sizeof text);
     if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
+    if (file->unit > 0 && fabs(file->unit - 1) > 1e-6)
+        tell("%s: its unit is %g m: lengths and positions are converted to metres", common.scene, file->unit);
     if (without_effect[0]) warn("no effect: %s", without_effect);
     if (given[LIGHT_SCALE] && !file->scene.light_count)
         warn("no effect: --light-scale (the file has no lights; emission and sky are not scaled)");
@@ -684,6 +688,7 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     if (file->warning_count > SCENE_FILE_WARNINGS)
         warn("%s: and %d more warnings", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
     for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) {
+        if (i == SCENE_FILE_CAMERA && !TOOL__HAS_CAMERA) continue;
         scene_file_warning(file, (scene_file_kind)i, text, sizeof text);
         if (text[0]) warn("%s: %s", common.scene, text);
     }

@@ -252,7 +252,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
 static int windows_make(windows *w) {
     const double from = w->bar->from, share = (w->bar->to > 0 ? w->bar->to : 1) - from;
     char name[PATH_MAX + 300];
-    int i, finished = 0, status = DONE;
+    int i, written, finished = 0, status = DONE;
     for (i = 0; i < w->work.count && status == DONE; i++) {
         const int *one = w->work.windows[i];
         sbl_stats stats;
@@ -262,11 +262,12 @@ static int windows_make(windows *w) {
         w->bar->from = from + share * i / w->work.count;
         w->bar->to = from + share * (i + 1.0) / w->work.count;
         result = w->make(w->user, one);
-        if (result == SBL_UNFINISHED || interrupted)
+        written = result == SBL_SUCCESS && !interrupted && windows__write(name, w->write, w->user);
+        if (result == SBL_UNFINISHED || (interrupted && !written))
             return stop("%d of %d windows are finished; --resume goes on with them (in %s)", finished, w->work.count,
                         w->folder.path);
         if (result != SBL_SUCCESS) return fail_with(w->task->said, common.scene, result);
-        if (!windows__write(name, w->write, w->user)) return fail_to_write(name);
+        if (!written) return fail_to_write(name);
         finished++;
         status = keep_store(w->task, w->given);
         stats = sbl_query_stats(w->task->context);

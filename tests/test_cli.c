@@ -1524,12 +1524,14 @@ static void materials_gltf(const char *materials, const char *more) {
     }
     n += sprintf(json + n, "}],\"meshes\":[{\"primitives\":[");
     for (i = 0; i < count; i++)
-        n += sprintf(json + n, "%s{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":%d}", i ? "," : "", i);
+        n += sprintf(json + n, "%s{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2},\"indices\":1,\"material\":%d}",
+                     i ? "," : "", i);
     n += sprintf(json + n, "]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":0,"
                  "\"targets\":[{\"POSITION\":0}]}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":3}]}],"
                  "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\","
                      "\"min\":[-4,0,-4],\"max\":[4,0,4]},"
-                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"
+                 "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"}],"
                  "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}"
                      "],\"buffers\":[{\"byteLength\":60,\"uri\":\"squares.bin\"}],\"scene\":0,%s}", more);
     write_file("squares.gltf", json, (size_t)n);
@@ -1677,6 +1679,27 @@ TEST(dropped_parts_of_gltf_are_named) {
         CHECK(ran.status == 1 && ran.err_lines == 1 && strstr(ran.err, refused[i]), "%s: exit %d, \"%s\"", refused[i],
               ran.status, ran.err);
     }
+}
+
+/* If the only camera of a file is orthographic, another view is chosen, and a warning says so. The unit of an FBX file
+   is printed, because it changes the positions that options give. */
+TEST(cameras_and_units_are_named) {
+    static const char *const lines[] = {
+        "orthographic cameras are not used, and the file has no other: a view was chosen (1 camera)" };
+    materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,"
+                   "\"znear\":0,\"zfar\":9}}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", lines, 1);
+    tool_use("sbl_bake");
+    TOOL("squares.gltf", "--mode", "direct", "--sky", "1,1,1", "--preset", "draft", "--vertices", "-o", "squares.ply");
+    check_warnings("squares.gltf", NULL, 0);
+    tool_use("sbl_render");
+    write_text("unit.fbx", "; FBX 7.3.0 project file\nFBXHeaderExtension: {\nFBXVersion: 7300\n}\nGlobalSettings: {\n"
+               "Version: 1000\nProperties70: {\nP: \"UnitScaleFactor\", \"double\", \"Number\", \"\",1\n}\n}\n"
+               "Objects: {\nGeometry: 1, \"Geometry::g\", \"Mesh\" {\nVertices: *9 {\na: 0,0,0,100,0,0,0,100,0\n}\n"
+               "PolygonVertexIndex: *3 {\na: 0,1,-3\n}\nGeometryVersion: 124\n}\nModel: 2, \"Model::m\", \"Mesh\" {\n"
+               "Version: 232\nProperties70: {\n}\n}\n}\nConnections: {\nC: \"OO\",2,0\nC: \"OO\",1,2\n}\n");
+    CHECK(TOOL("unit.fbx", SQUARES) == 0 && ran.err_lines == 1 && strstr(ran.err, "its unit is 0.01 m"), "%s", ran.err);
 }
 
 /* Copies the texts from `at` to the next semicolon that is not in a text, each with a line end, and returns their end.
@@ -2639,6 +2662,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
     RUN(dropped_parts_of_gltf_are_named);
+    RUN(cameras_and_units_are_named);
     RUN(missing_mtl_files_are_named);
     RUN(materials_can_be_matte);
     RUN(normal_maps_are_shown);

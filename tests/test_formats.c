@@ -309,6 +309,17 @@ TEST(unwritable_files_are_reported_before_the_work) {
           ran.err);
 }
 
+/* The picture of overlaps of an earlier bake in the same folder is removed if this bake has none. Other files stay. */
+TEST(old_overlaps_are_removed) {
+    static float overlapping[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.5f, 0.5f, 0.9f, 0.9f } };
+    write_scene("room.gltf", overlapping, 1);
+    CHECK(TOOL(DIRECT, "-o", "old", "--formats", "hdr", "--lit", "0") == 0 && exists("old/overlap.png"), "%s", ran.err);
+    write_scene("room.gltf", apart, 1);
+    write_text("old/notes.txt", "mine");
+    CHECK(TOOL(DIRECT, "-o", "old", "--formats", "ktx2", "--lit", "0") == 0 && !exists("old/overlap.png") &&
+          exists("old/atlas.hdr") && exists("old/notes.txt"), "%s", ran.err);
+}
+
 /* ---- joining parts ---- */
 
 /* Parts are .exr files, and --join writes the chosen formats. sbl_merge refuses parts of a map. */
@@ -421,6 +432,7 @@ int main(int argc, char **argv) {
     RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);
     RUN(unwritable_files_are_reported_before_the_work);
+    RUN(old_overlaps_are_removed);
     RUN(joined_maps_have_formats);
     RUN(a_lit_scene_shows_the_light);
     tool_end();

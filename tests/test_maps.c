@@ -119,6 +119,15 @@ TEST(groups_of_maps) {
     check_table("all", named, 1);
 }
 
+/* The table of an earlier bake in the same folder is removed if the scene now has one map, but not by --map. */
+TEST(old_tables_are_removed) {
+    if (!make_room()) SKIP("built without cJSON");
+    CHECK(TOOL(DIRECT, "--lit", "0", "-o", "old") == 0 && exists("old/maps.json"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--lit", "0", "--map", "1", "-o", "old") == 0 && exists("old/maps.json"), "%s", ran.err);
+    write_two("two.gltf", 0);
+    CHECK(TOOL(DIRECT, "--lit", "0", "-o", "old") == 0 && !exists("old/maps.json"), "%s", ran.err);
+}
+
 /* >>the map of each mesh */
 
 static char text[32768];
@@ -231,6 +240,7 @@ int main(int argc, char **argv) {
     tool_use("sbl_bake");
     RUN_UNSANITIZED(maps_are_those_of_their_own_runs);
     RUN(groups_of_maps);
+    RUN(old_tables_are_removed);
     RUN(maps_json_lists_nodes_and_maps);
     RUN(materials_refer_to_their_maps);
     RUN(some_need_one_map);

@@ -116,7 +116,7 @@ TEST(parts_do_not_depend_on_each_other) {
 }
 
 /* The first plan is kept and used. A run that does not fit it, because the number of parts or an option differs, is
-   refused; so is a file that is no plan or a damaged plan. */
+   refused; so is a file that is no plan or a damaged plan. The message names a difference that a user can see. */
 TEST(the_first_plan_counts) {
     char before[4096], after[4096];
     int lines;
@@ -127,6 +127,12 @@ TEST(the_first_plan_counts) {
     CHECK(RENDER(PICTURE, "--part", "1/3", "-o", "a.exr", "--plan", "first") == 1 && said("2 parts"), "%s", ran.err);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first", "--preset", "high") == 1 &&
           said("other options") && said("--preset=high"), "%s", ran.err);
+    CHECK(RENDER(VIEW, "--size", "48x33", "--part", "1/2", "-o", "a.exr", "--plan", "first") == 1 &&
+          said("for another size: it has 48x32, this run has 48x33"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first", "--sky", "2,2,2") == 1 &&
+          said("other options") && said("--sky=2,2,2"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first", "--eye", "0,1.4,4") == 1 &&
+          said("was made with another camera; remove it"), "%s", ran.err);
     read_text(in_folder("first"), after, sizeof after, &lines);
     CHECK(strcmp(before, after) == 0, "the plan was changed");
     write_text("no_plan", "something\n");
@@ -134,6 +140,20 @@ TEST(the_first_plan_counts) {
     strstr(after, "\nend 2")[1] = 0;
     write_text("short", after);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
+}
+
+/* A plan that cannot be written, and more parts than pixels, are reported before the scene is read. */
+TEST(impossible_plans_are_reported_before_the_work) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER("absent.obj", "--part", "1/2", "-o", "a.exr", "--plan", "absent/plan") == 1 &&
+          said("--plan absent/plan: cannot be written"), "%s", ran.err);
+    CHECK(RENDER("absent.obj", "--size", "3x2", "--part", "1/7", "-o", "a.exr") == 2 && said("7 parts are too many"),
+          "%s", ran.err);
+    tool_use("sbl_bake");
+    CHECK(TOOL("absent.obj", "--lightmap", "2", "--part", "1/2", "-o", "a.exr", "--plan", "absent/plan") == 1 &&
+          said("--plan absent/plan: cannot be written"), "%s", ran.err);
+    CHECK(TOOL("absent.obj", "--lightmap", "2", "--part", "1/5", "-o", "a.exr") == 2 && said("5 parts are too many"),
+          "%s", ran.err);
 }
 
 /* Returns the price that a plan contains. */
@@ -422,6 +442,7 @@ int main(int argc, char **argv) {
     RUN(parts_make_a_png);
     RUN(parts_do_not_depend_on_each_other);
     RUN(the_first_plan_counts);
+    RUN(impossible_plans_are_reported_before_the_work);
     RUN(prices_grow_with_the_pixels);
     RUN(plans_know_what_rays_take);
     RUN(wrong_parts_are_refused);

@@ -1311,22 +1311,14 @@ TEST(transparent_surfaces_are_counted) {
     scene_file_free(file);
 }
 
-/* A byte order mark is no part of the first line of an .obj or .mtl file. Scaled and moved textures cause a warning. An
-   OBJ file without materials has the colours of its vertices. */
+/* A byte order mark is no part of the first line of an .obj or .mtl file, whose lines before the first material are
+   ignored. An OBJ file without materials has the colours
+   of its vertices. */
 TEST(oddities_of_obj) {
-    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
-    scene_file *file = read_obj("\xef\xbb\xbf", "newmtl m0\nKd 1 0.5 0\n", 1);
+    scene_file *file = read_obj("\xef\xbb\xbf", "map_Kd two.png\nnewmtl m0\nKd 1 0.5 0\n", 1);
     REQUIRE(file, "%s", error);
     CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "red is %g",
           (double)material_of(file, 0)->albedo[0]);
-    scene_file_free(file);
-    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
-    file = read_obj("", "newmtl m0\nmap_Kd -s 1 1 1 -o 0 0 0 two.png\n", 1);
-    CHECK(file && !file->warning_count, "%s", file ? file->warnings[0] : error);
-    scene_file_free(file);
-    file = read_obj("", "newmtl m0\nKd 1 1 1\nmap_Kd -o 0 0.5 0 two.png\n", 1);
-    CHECK(file && file->warning_count == 1 && strstr(file->warnings[0], "-s and -o are ignored"), "%s",
-          file ? file->warnings[0] : error);
     scene_file_free(file);
     write_text("plain.obj", "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n");
     file = read_back("plain.obj", 0);
@@ -1334,6 +1326,161 @@ TEST(oddities_of_obj) {
     CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "the factor is %g",
           (double)material_of(file, 0)->albedo[0]);
     scene_file_free(file);
+}
+
+/* The options -s and -o scale and move texture coordinates, also with fewer than three numbers. Other options do not
+   hide the name of the texture. A texture without Kd keeps its colours. */
+TEST(options_of_obj_textures) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const struct { const char *mtl; float kd, uv[2]; const char *warning; } cases[] = {
+        { "map_Kd two.png", 1, { 0, 1 }, NULL },
+        { "Kd .5 .5 .5\nmap_Kd -s 1 1 1 -o 0 0 0 two.png", 0.5f, { 0, 1 }, NULL },
+        { "map_Kd -s 2 4 1 -o 0.25 0.5 0 two.png\nKd 1 1 1", 1, { 0.25f, 0.5f }, NULL },
+        { "map_Kd -o 0.25 -s 2 4 two.png", 1, { 0.25f, 1 }, NULL },
+        { "\tmap_Kd -clamp on -cc on two.png", 1, { 0, 1 }, NULL },
+        { "map_Kd -mm 0 1 two.png\nnewmtl m1\nKd 1 1 1", 1, { 0, 1 }, NULL },
+        { "map_Kd -mm 0 2 two.png", 1, { 0, 1 }, "-mm is ignored" },
+        { "map_Kd two.png\nmap_d -o .5 .5 two.png", 1, { 0, 1 }, "those of its colour are used for all" } };
+    char mtl[256];
+    size_t i;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        scene_file *file;
+        snprintf(mtl, sizeof mtl, "newmtl m0\n%s\n", cases[i].mtl);
+        file = read_obj("", mtl, 1);
+        REQUIRE(file, "case %d: %s", (int)i, error);
+        CHECK(material_of(file, 0)->albedo_texture && is_near(material_of(file, 0)->albedo, &cases[i].kd, 1),
+              "case %d: no texture, or another factor", (int)i);
+        CHECK(is_near((const float *)file->scene.meshes[0].texcoords.data, cases[i].uv, 2), "case %d: %g %g", (int)i,
+              (double)((const float *)file->scene.meshes[0].texcoords.data)[0],
+              (double)((const float *)file->scene.meshes[0].texcoords.data)[1]);
+        CHECK(file->warning_count == (cases[i].warning != NULL) &&
+              (!cases[i].warning || strstr(file->warnings[0], cases[i].warning)), "case %d: %s", (int)i,
+              file->warnings[0]);
+        scene_file_free(file);
+    }
+}
+
+/* Materials that no .mtl file defines are named, also without any .mtl file. */
+TEST(undefined_materials_of_obj) {
+    scene_file *file = read_obj("", "newmtl m0 \nKd 1 1 1\n", 3);
+    REQUIRE(file, "%s", error);
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "defines 2 of the materials, such as m1"), "%s",
+          file->warnings[0]);
+    scene_file_free(file);
+    write_text("plain.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl wood\nf 1 2 3\n");
+    file = read_back("plain.obj", 0);
+    REQUIRE(file, "%s", error);
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "no .mtl file defines the material wood"), "%s",
+          file->warnings[0]);
+    scene_file_free(file);
+}
+
+/* ---- Collada and FBX ---- */
+
+/* In Collada, a surface without a material is grey, although assimp gives it the first material of the file. */
+TEST(collada_without_material) {
+    static const float grey = 0.6f;
+    scene_file *file;
+    write_text("bare.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
+               "version=\"1.4.1\"><asset><unit meter=\"1\"/><up_axis>Y_UP</up_axis></asset><library_effects><effect "
+               "id=\"e\"><profile_COMMON><technique sid=\"t\"><lambert><emission><color>1 1 1 1</color></emission>"
+               "</lambert></technique></profile_COMMON></effect></library_effects><library_materials><material "
+               "id=\"a\"><instance_effect url=\"#e\"/></material></library_materials><library_geometries><geometry "
+               "id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"9\">0 0 0 1 0 0 0 1 0</float_array>"
+               "<technique_common><accessor source=\"#f\" count=\"3\" stride=\"3\"><param name=\"X\" type=\"float\"/>"
+               "<param name=\"Y\" type=\"float\"/><param name=\"Z\" type=\"float\"/></accessor></technique_common>"
+               "</source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices><triangles "
+               "count=\"1\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2</p></triangles></mesh>"
+               "</geometry></library_geometries><library_visual_scenes><visual_scene id=\"s\"><node id=\"n\">"
+               "<instance_geometry url=\"#g\"/></node></visual_scene></library_visual_scenes><scene>"
+               "<instance_visual_scene url=\"#s\"/></scene></COLLADA>");
+    file = read_back("bare.dae", 0);
+    REQUIRE(file, "%s", error);
+    CHECK(is_near(material_of(file, 0)->albedo, &grey, 1) && !(material_of(file, 0)->emission[0] > 0),
+          "albedo %g, emission %g", (double)material_of(file, 0)->albedo[0],
+          (double)material_of(file, 0)->emission[0]);
+    scene_file_free(file);
+}
+
+/* Lengths of FBX files become metres. */
+TEST(units_of_fbx) {
+    static const struct { const char *unit; double metres; } cases[] = {
+        { "1", 0.01 }, { "2.54", 0.0254 }, { "100", 1 } };
+    char text[1024];
+    size_t i;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        scene_file *file;
+        snprintf(text, sizeof text, "; FBX 7.3.0 project file\nFBXHeaderExtension: {\nFBXVersion: 7300\n}\n"
+                 "GlobalSettings: {\nVersion: 1000\nProperties70: {\nP: \"UnitScaleFactor\", \"double\", \"Number\", "
+                 "\"\",%s\n}\n}\nObjects: {\nGeometry: 1, \"Geometry::g\", \"Mesh\" {\nVertices: *9 {\na: "
+                 "0,0,0,1,0,0,0,1,0\n}\nPolygonVertexIndex: *3 {\na: 0,1,-3\n}\nGeometryVersion: 124\n}\nModel: 2, "
+                 "\"Model::m\", \"Mesh\" {\nVersion: 232\nProperties70: {\n}\n}\n}\nConnections: {\nC: \"OO\",2,0\n"
+                 "C: \"OO\",1,2\n}\n", cases[i].unit);
+        write_text("unit.fbx", text);
+        file = read_back("unit.fbx", 0);
+        REQUIRE(file, "%s", error);
+        CHECK(fabs((double)file->scene.meshes[0].transform[0] / cases[i].metres - 1) < 1e-5 &&
+              fabs(file->unit / cases[i].metres - 1) < 1e-5, "unit %s: %g", cases[i].unit,
+              (double)file->scene.meshes[0].transform[0]);
+        scene_file_free(file);
+    }
+}
+
+/* ---- incomplete glTF ---- */
+
+/* Writes a triangle with a texture. more: further members of the file; attributes: those of the triangle after its
+   positions; texture: the texture; count_of_colors: 3 or 4 */
+static scene_file *read_triangle(const char *more, const char *attributes, const char *texture, int count_of_colors) {
+    char text[2048];
+    snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},%s\"images\":[{\"uri\":\"two.png\"}],\"textures\":"
+             "[{%s}],\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0},"
+             "\"metallicFactor\":0}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},"
+             "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}],\"scene\":0,"
+             "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":0,"
+             "\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"},{\"bufferView\":%d,\"componentType\":5126,"
+             "\"count\":3,\"type\":\"VEC%d\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":1,"
+             "\"byteLength\":48}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
+             "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"},{\"byteLength\":48,\"uri\":\"data:application/"
+             "octet-stream;base64,AACAPwAAgD8AAIA/AAAAPwAAgD8AAIA/AACAPwAAAD8AAIA/AACAPwAAgD8AAAA/\"}]}", more, texture,
+             attributes, count_of_colors == 4, count_of_colors);
+    write_text("triangle.gltf", text);
+    return read_back("triangle.gltf", 0);
+}
+
+#define ORTHOGRAPHIC "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,\"znear\":0,\"zfar\":9}}"
+
+/* Vertex colours without alpha are opaque. A texture on a mesh without coordinates, a texture without a picture in a
+   known format, and an orthographic camera cause warnings. */
+TEST(what_gltf_lacks_is_named) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const float one = 1, half = 0.5f;
+    scene_file *file;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    file = read_triangle("\"cameras\":[" ORTHOGRAPHIC "],", ",\"TEXCOORD_0\":1,\"COLOR_0\":2", "\"source\":0", 3);
+    REQUIRE(file, "%s", error);
+    CHECK(is_near((const float *)file->scene.meshes[0].colors.data + 3, &one, 1), "an alpha of %g",
+          (double)((const float *)file->scene.meshes[0].colors.data)[3]);
+    CHECK(file->simplified[SCENE_FILE_CAMERA] == 1 && !file->simplified[SCENE_FILE_UNMAPPED] && !file->warning_count,
+          "%d cameras, %d meshes, %s", file->simplified[SCENE_FILE_CAMERA], file->simplified[SCENE_FILE_UNMAPPED],
+          file->warnings[0]);
+    scene_file_free(file);
+    file = read_triangle("\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1,\"znear\":1}},"
+                         ORTHOGRAPHIC "],", ",\"COLOR_0\":2", "\"source\":0", 4);
+    REQUIRE(file, "%s", error);
+    CHECK(is_near((const float *)file->scene.meshes[0].colors.data + 4, &one, 1) &&
+          is_near((const float *)file->scene.meshes[0].colors.data + 11, &half, 1), "other colours");
+    CHECK(!file->simplified[SCENE_FILE_CAMERA] && file->simplified[SCENE_FILE_UNMAPPED] == 1, "%d cameras, %d meshes",
+          file->simplified[SCENE_FILE_CAMERA], file->simplified[SCENE_FILE_UNMAPPED]);
+    scene_file_free(file);
+#ifdef SBL_RENDER_CJSON
+    file = read_triangle("\"cameras\":[" ORTHOGRAPHIC "],", ",\"TEXCOORD_0\":1", "\"extensions\":{\"EXT_texture_webp\":"
+                         "{\"source\":0}}", 3);
+    REQUIRE(file, "%s", error);
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "picture are left out (1 texture, EXT_texture_webp)"),
+          "%s", file->warnings[0]);
+    scene_file_free(file);
+#endif
 }
 
 /* Names of meshes keep all characters, and the name of the .bin is written as a URI. */
@@ -1700,6 +1847,11 @@ int main(void) {
     RUN(names_of_buffers);
     RUN(transparent_surfaces_are_counted);
     RUN(oddities_of_obj);
+    RUN(options_of_obj_textures);
+    RUN(undefined_materials_of_obj);
+    RUN(collada_without_material);
+    RUN(units_of_fbx);
+    RUN(what_gltf_lacks_is_named);
     RUN(written_names);
     RUN(normals_of_obj);
     RUN(written_normals_are_read_again);
