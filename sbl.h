@@ -805,16 +805,15 @@
    selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
    same GL driver, no matter which windows were made before. Windows fit together, because their tiles and the rotations
    of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side. Windows with the same mean, price and rays have
-   nearly the same sensors, with the same numbers of looks, as the complete picture with this mean and price. The joined
-   picture therefore hardly has larger steps of light at the borders of windows than the complete picture has at these
-   places.
+   margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius + 1. Windows
+   with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the complete
+   picture with this mean and price. The joined picture therefore hardly has larger steps of light at the borders of
+   windows than the complete picture has at these places.
 
-   The joined picture is not to the bit that of one call. If options.rays is set and nothing is refined (tile = 1), both
-   differ by rounding, which sends single rays past an edge (0.01 % of the mean in all). With a target error, the joined
-   picture has other sensors in places, and differs by less than the target.
-   At the borders of windows, neighbouring pixels differ 1 to 1.5 times as much as the same pixels of the picture of one
-   call (in three scenes).
+   The joined picture is not to the bit that of one call. With a price, few pixels differ, at the borders of windows and
+   where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the target error by
+   itself: the joined picture has other sensors in places, differs by less than the target, and neighbouring pixels at
+   the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -9278,12 +9277,15 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
    tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. All sizes and positions are x and y in working pixels. */
+   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
+   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
+   x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: position in the whole picture, and size */
     int inset[2], shown[2];     /* the window: position in the working grid, and size */
     int margin;                 /* errors count up to this many pixels outside the window */
+    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
 } sbl__window;
 
 #define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
@@ -9296,11 +9298,12 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.whole[0] = d->width;
     w.whole[1] = d->height;
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    w.has_ring = d->price > 0;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
         /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;
-        w.first[k] = SBL__MAX(from - w.margin, 0) / d->tile * d->tile;
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
+        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
         w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
         w.inset[k] = from - w.first[k];
         w.shown[k] = to - from;
@@ -9341,12 +9344,14 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-/* Returns 1 if the error of at least one pixel counts in a rectangle of the working grid. from, to: its upper left and
-   lower right pixels, x and y */
-static int sbl__window_touches(const sbl__window *w, const int from[2], const int to[2]) {
+/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
+   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
+static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
+    const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
+    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
     int k, touches = 1;
     for (k = 0; k < 2; k++)
-        touches &= to[k] >= w->inset[k] - w->margin && from[k] < w->inset[k] + w->shown[k] + w->margin;
+        touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
     return touches;
 }
 
@@ -10313,7 +10318,9 @@ typedef struct sbl__camera {
     double eye[3];             /* origin of view space, relative to `centre` */
     float centre[3];           /* see sbl__geometry */
     double right[3], up[3], back[3];  /* axes of view space in world space: unit vectors */
-    float world_to_view[16], view_to_clip[16];
+    float world_to_view[16], view_to_clip[16];  /* of the working grid */
+    float whole_to_clip[16];   /* view_to_clip of the whole picture */
+    int whole[2], first[2];    /* size of the whole picture; position of the working grid in it; see sbl__window */
     int orthographic;
     double nearest, farthest;  /* orthographic: distances along the view direction where depth is 1 and 0 */
     float depth_scale;         /* perspective: depth is depth_scale / w */
@@ -10386,12 +10393,16 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* Makes a camera. desc: its matrices have been checked */
-static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
+/* Makes a camera. desc: of the whole picture; its matrices have been checked. window: the part that the camera shows */
+static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__window *window,
+                             const sbl__geometry *g) {
+    const sbl_picture_desc part = sbl__window_desc(desc, window);
     const float *m = desc->world_to_view;
     int i, k;
     memcpy(c->world_to_view, m, sizeof c->world_to_view);
-    memcpy(c->view_to_clip, desc->view_to_clip, sizeof c->view_to_clip);
+    memcpy(c->view_to_clip, part.view_to_clip, sizeof c->view_to_clip);
+    memcpy(c->whole_to_clip, desc->view_to_clip, sizeof c->whole_to_clip);
+    for (k = 0; k < 2; k++) { c->whole[k] = window->whole[k]; c->first[k] = window->first[k]; }
     for (k = 0; k < 3; k++) { c->right[k] = m[4 * k]; c->up[k] = m[4 * k + 1]; c->back[k] = m[4 * k + 2]; }
     memcpy(c->centre, g->centre, sizeof c->centre);
     for (k = 0; k < 3; k++)
@@ -10451,27 +10462,33 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
 "// Returns rays through the camera's pixels, in world space. Origin and direction are affine functions of the\n",
-"// pixel's position: _0 is the value at gl_FragCoord 0 0, _x and _y are the changes from pixel to pixel.\n",
+"// pixel's position in the whole picture: _0 is the value at 0 0, _x and _y are the changes from pixel to pixel. A\n",
+"// window therefore shows the same surface points as the whole picture, to the bit.\n",
+"uniform vec2 first_pixel;  // position in the whole picture of the pixel at gl_FragCoord 0 0\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
-"vec3 sbl_camera_origin() { return origin_0 + gl_FragCoord.x * origin_x + gl_FragCoord.y * origin_y; }\n",
-"vec3 sbl_camera_direction() { return direction_0 + gl_FragCoord.x * direction_x + gl_FragCoord.y * direction_y; }\n",
+"vec3 sbl_camera_ray(vec3 at_0, vec3 at_x, vec3 at_y) {\n",
+"    vec2 at = gl_FragCoord.xy + first_pixel;\n",
+"    return at_0 + at.x * at_x + at.y * at_y;\n",
+"}\n",
+"vec3 sbl_camera_origin() { return sbl_camera_ray(origin_0, origin_x, origin_y); }\n",
+"vec3 sbl_camera_direction() { return sbl_camera_ray(direction_0, direction_x, direction_y); }\n",
 0 };
 /* <<glsl */
 
 /* Sets the uniforms of camera.glsl for the rays through the samples at `offset`. */
-static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2], const sbl__target *t) {
+static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2]) {
     static const char *const names[6] = { "origin_0", "origin_x", "origin_y",
                                           "direction_0", "direction_x", "direction_y" };
-    const float *m = c->view_to_clip;
-    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
+    const float *m = c->whole_to_clip;
+    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / c->whole[0], step_y = -2.0 / c->whole[1];
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
     const int moving = c->orthographic ? 0 : 3;  /* index in names of the vector that varies with the pixel */
     const int still = 3 - moving;
-    /* x and y, in view space, for gl_FragCoord 0 0. Orthographic: of the ray's origin; perspective: of its direction at
-       unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
+    /* x and y, in view space, at 0 0 of the whole picture. Orthographic: of the ray's origin; perspective: of its
+       direction at unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -10484,6 +10501,7 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
         rays[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
         rays[still + 1][k] = rays[still + 2][k] = 0;
     }
+    sbl__set_vec2(d, "first_pixel", (float)c->first[0], (float)c->first[1]);
     for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], rays[i]);
 }
 
@@ -10604,7 +10622,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
-    sbl__camera_set(d, c, s->request->offset, &s->visibility);
+    sbl__camera_set(d, c, s->request->offset);
     for (i = 0; i < 4; i++) sbl__set_vec4(d, names[i], rows[i]);
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
@@ -11097,7 +11115,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
         sbl__set_int(d, "draws_sample", request->sample >= 0);
         sbl__set_vec2(d, "sample_point", (float)point[0], (float)point[1]);
     }
-    sbl__camera_set(d, request->camera, request->offset, target);
+    sbl__camera_set(d, request->camera, request->offset);
     sbl__set_float(d, "facet_limit", request->camera->facet_limit * sbl__facet_unit(request->atlas));
     sbl__draw_screen(d);
     result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
@@ -17979,8 +17997,8 @@ typedef struct sbl__tile {
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* initial number of looks of new sensors at the tile's corners */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels) and that show a surface; 0
-                                 if the error of no pixel counts. The tiles of a window's margin are refined as in
-                                 the adjacent window */
+                                 if sbl__window_refines is 0. The tiles of a window's margin are refined as in the
+                                 adjacent window */
     int counted;              /* number of those `pixels` whose errors count (sbl__window_counts) */
     float weight2;            /* mean over all `pixels` of the squared albedo with which FINAL shows the light; 1 if
                                  errors of R are predicted */
@@ -19498,12 +19516,12 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
         sbl__tile *c = &r->tiles[*at];
         const sbl__range pixels = sbl__tile_pixels(r, c);
         const int from[2] = { pixels.x[0], pixels.y[0] }, to[2] = { pixels.x[1], pixels.y[1] };
-        const int counts = sbl__window_touches(&r->window, from, to);
+        const int refines = sbl__window_refines(&r->window, from, to);
         if (r->row == 0) c->pixels = c->counted = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
         if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
         if (r->row == 0) c->foreseen_bias2 = 0;
-        for (; counts && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
+        for (; refines && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
@@ -20335,7 +20353,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
         sbl__set_float(d, "height", (float)r->window->whole[1]);
     }
     sbl__environment_bind(d, r->environment);
-    sbl__camera_set(d, r->camera, r->offset, out);
+    sbl__camera_set(d, r->camera, r->offset);
     sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
     sbl__set_int(d, "has_previous", r->index > 0);
     sbl__set_float(d, "share", 1.0f / (float)r->count);
@@ -21045,7 +21063,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     m->desc = sbl__window_desc(desc, &m->window);
     m->source = &m->refine;
     m->scene_version = c->scene.version;
-    sbl__camera_make(&m->camera, &m->desc, &c->scene.geometry);
+    sbl__camera_make(&m->camera, desc, &m->window, &c->scene.geometry);
     m->size[0] = m->window.shown[0] / across;
     m->size[1] = m->window.shown[1] / across;
     m->across = across;
@@ -24272,6 +24290,9 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
 /* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel near the centre shows the
    triangle at the right position, and a corner pixel outside the triangle shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
+    static const sbl__window window = { { SBL__TRIAL_SIZE, SBL__TRIAL_SIZE }, { 0, 0 },
+                                        { SBL__TRIAL_SIZE, SBL__TRIAL_SIZE }, { 0, 0 },
+                                        { SBL__TRIAL_SIZE, SBL__TRIAL_SIZE }, 0, 0 };
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
     sbl__camera camera;
@@ -24287,7 +24308,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     memset(&request, 0, sizeof request);
     sbl_look_at(view.world_to_view, 0, 0, 2, 0, 0, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 120, 1);
-    sbl__camera_make(&camera, &view, &c->scene.geometry);
+    sbl__camera_make(&camera, &view, &window, &c->scene.geometry);
     request.scene = &c->scene;
     request.camera = &camera;
     request.gbuffer = gbuffer;

@@ -465,6 +465,29 @@ TEST(windows_take_the_sensors_of_the_whole) {
     }
 }
 
+/* The light of windows with one price has the bits of the light of the complete picture with this price, at nearly all
+   pixels: the surface points are the same, and so are the sensors around the windows. */
+TEST(windows_have_the_light_of_the_whole) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    sbl_stats s;
+    int k, count = 0;
+    view.target_error = 0.003f;
+    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    s = sbl_query_stats(context);
+    memcpy(view.mean_radiance, s.picture.mean_radiance, sizeof view.mean_radiance);
+    view.look_rays = s.picture.look_rays;
+    view.price = s.picture.price;
+    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    for (k = 0; k < 4; k++) {
+        const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
+        set_window(&view, w);
+        if (!make(&view, SBL_CHANNEL_RADIANCE, part, w[2] * w[3])) return;
+        count += differing(w, 3, 0);
+    }
+    printf("  %.2f %% of the pixels differ\n", 100.0 * count / PIXELS);
+    CHECK(count <= PIXELS / 5000, "%d of %d pixels differ", count, PIXELS);
+}
+
 /* SBL_CHANNEL_WORK counts looks and, if the host asks for it, the steps that rays take, here those to the lamp: more
    where the room is crowded. It is the same again, and measuring it does not change the light visibly. */
 TEST(work_is_measured) {
@@ -521,6 +544,7 @@ int main(void) {
     RUN(wrong_windows_are_refused);
     RUN(windows_share_a_price);
     RUN(windows_take_the_sensors_of_the_whole);
+    RUN(windows_have_the_light_of_the_whole);
     RUN(work_is_measured);
     sbl_destroy(context);
     scene_free(&cornell);
