@@ -404,7 +404,7 @@ enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
     0x35a4b11249e219dcu,  /* glossy_picture */
-    0x9751ccd946cdf6f8u,  /* glossy_window */
+    0x2758aaf293e2390fu,  /* glossy_window */
     0x82aa92bfbbba8131u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
     0x9df221481dba488fu,  /* glossy_rasterised */
