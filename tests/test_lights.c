@@ -409,6 +409,39 @@ TEST(disc_and_sphere_overhead) {
     }
 }
 
+/* The centre of a small light is at its radius times q above the horizon. The light is a disc, seen from so far that its
+   radiance arrives from all of its part above the horizon. The quadrature cuts this part into strips. */
+TEST(small_lights_on_the_horizon) {
+    static const double heights[3] = { -0.7, 0, 0.6 };
+    const float radius = 0.005f;
+    sbl_site site = { { 0, 0, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, -1 };
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        const int strips = 2000;
+        double expected = 0;
+        sbl_reading reading;
+        sbl_readings_desc desc = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
+        sbl_scene_desc scene;
+        test_scene s = { 0 };
+        sbl_light *light;
+        scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1, -9, -1, -1, -9, 1, 1, -9, 1, 1, -9, -1);
+        light = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
+        light->position[0] = 1;
+        light->position[1] = (float)heights[i] * radius;
+        light->radius = radius;
+        for (k = 0; k < strips; k++) {
+            const double t = -1 + 2 * (k + 0.5) / strips, above = heights[i] + t;
+            if (above > 0) expected += above * 2 * sqrt(1 - t * t) * 2 / strips * (double)radius / (REF_PI * REF_PI);
+        }
+        scene = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+                "the reading fails");
+        CHECK(fabs((double)reading.radiance[0] / expected - 1) < 0.003, "height %g: R is %.4g, expected %.4g", heights[i],
+              (double)reading.radiance[0], expected);
+        scene_free(&s);
+    }
+}
+
 /* Where a floor touches the sphere of a light, or is inside of it, the sphere fills the whole hemisphere, and R is its
    radiance. No ray is blocked by the floor itself. */
 TEST(floors_inside_a_light) {
@@ -1450,6 +1483,7 @@ int main(void) {
     RUN(spot_cones);
     RUN(spots_that_face_away);
     RUN(disc_and_sphere_overhead);
+    RUN(small_lights_on_the_horizon);
     RUN(floors_inside_a_light);
     RUN(half_covered_single_looks);
     RUN(half_covered_default_settings);
