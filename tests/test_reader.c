@@ -1429,14 +1429,15 @@ TEST(units_of_fbx) {
 
 /* ---- incomplete glTF ---- */
 
-/* Writes a triangle with a texture. more: further members of the file; attributes: those of the triangle after its
+/* Writes a triangle with a texture, and nodes for two cameras. more: further members of the file; attributes: those of the triangle after its
    positions; texture: the texture; count_of_colors: 3 or 4 */
 static scene_file *read_triangle(const char *more, const char *attributes, const char *texture, int count_of_colors) {
     char text[2048];
     snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},%s\"images\":[{\"uri\":\"two.png\"}],\"textures\":"
              "[{%s}],\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0},"
              "\"metallicFactor\":0}}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},"
-             "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}],\"scene\":0,"
+             "\"material\":0}]}],\"nodes\":[{\"mesh\":0},{\"camera\":0},{\"camera\":1}],\"scenes\":"
+             "[{\"nodes\":[0,1,2]}],\"scene\":0,"
              "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":0,"
              "\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"},{\"bufferView\":%d,\"componentType\":5126,"
              "\"count\":3,\"type\":\"VEC%d\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":36},{\"buffer\":1,"
@@ -1449,6 +1450,7 @@ static scene_file *read_triangle(const char *more, const char *attributes, const
 }
 
 #define ORTHOGRAPHIC "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,\"znear\":0,\"zfar\":9}}"
+#define BOTH ORTHOGRAPHIC "," ORTHOGRAPHIC
 
 /* Vertex colours without alpha are opaque. A texture on a mesh without coordinates, a texture without a picture in a
    known format, and an orthographic camera cause warnings. */
@@ -1457,11 +1459,11 @@ TEST(what_gltf_lacks_is_named) {
     static const float one = 1, half = 0.5f;
     scene_file *file;
     stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
-    file = read_triangle("\"cameras\":[" ORTHOGRAPHIC "],", ",\"TEXCOORD_0\":1,\"COLOR_0\":2", "\"source\":0", 3);
+    file = read_triangle("\"cameras\":[" BOTH "],", ",\"TEXCOORD_0\":1,\"COLOR_0\":2", "\"source\":0", 3);
     REQUIRE(file, "%s", error);
     CHECK(is_near((const float *)file->scene.meshes[0].colors.data + 3, &one, 1), "an alpha of %g",
           (double)((const float *)file->scene.meshes[0].colors.data)[3]);
-    CHECK(file->simplified[SCENE_FILE_CAMERA] == 1 && !file->simplified[SCENE_FILE_UNMAPPED] && !file->warning_count,
+    CHECK(file->simplified[SCENE_FILE_CAMERA] == 2 && !file->simplified[SCENE_FILE_UNMAPPED] && !file->warning_count,
           "%d cameras, %d meshes, %s", file->simplified[SCENE_FILE_CAMERA], file->simplified[SCENE_FILE_UNMAPPED],
           file->warnings[0]);
     scene_file_free(file);
@@ -1474,7 +1476,7 @@ TEST(what_gltf_lacks_is_named) {
           file->simplified[SCENE_FILE_CAMERA], file->simplified[SCENE_FILE_UNMAPPED]);
     scene_file_free(file);
 #ifdef SBL_RENDER_CJSON
-    file = read_triangle("\"cameras\":[" ORTHOGRAPHIC "],", ",\"TEXCOORD_0\":1", "\"extensions\":{\"EXT_texture_webp\":"
+    file = read_triangle("\"cameras\":[" BOTH "],", ",\"TEXCOORD_0\":1", "\"extensions\":{\"EXT_texture_webp\":"
                          "{\"source\":0}}", 3);
     REQUIRE(file, "%s", error);
     CHECK(file->warning_count == 1 && strstr(file->warnings[0], "picture are left out (1 texture, EXT_texture_webp)"),
