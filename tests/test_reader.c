@@ -1429,8 +1429,8 @@ TEST(units_of_fbx) {
 
 /* ---- incomplete glTF ---- */
 
-/* Writes a triangle with a texture, and nodes for two cameras. more: further members of the file; attributes: those of the triangle after its
-   positions; texture: the texture; count_of_colors: 3 or 4 */
+/* Writes a triangle with a texture, and nodes for two cameras. more: further members of the file; attributes: those of
+   the triangle after its positions; texture: the texture; count_of_colors: 3 or 4 */
 static scene_file *read_triangle(const char *more, const char *attributes, const char *texture, int count_of_colors) {
     char text[2048];
     snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},%s\"images\":[{\"uri\":\"two.png\"}],\"textures\":"
