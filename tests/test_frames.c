@@ -303,12 +303,12 @@ TEST(contradictory_options_are_refused) {
     }
 }
 
-/* A frame that cannot be written ends the run; earlier frames remain. */
-TEST(a_frame_that_cannot_be_written_ends_the_run) {
+/* A frame that cannot be written is named before the work: no frame is made. */
+TEST(a_frame_that_cannot_be_written_is_named_first) {
     if (!has_cjson()) SKIP("built without cJSON");
     mkdir(in_folder("n3.pfm"), 0777);
     CHECK(TOOL(FIVE, "-o", "n%d.pfm") == 1 && said("n3.pfm: cannot be written") && ran.err_lines == 1, "%s", ran.err);
-    CHECK(exists("n1.pfm") && exists("n2.pfm") && !exists("n4.pfm") && !parts_left(), "other files than expected");
+    CHECK(!exists("n1.pfm") && !exists("n2.pfm") && !exists("n4.pfm") && !parts_left(), "other files than expected");
 }
 
 /* After a signal, the finished frames remain, and the message says how to render the rest. */
@@ -486,7 +486,7 @@ int main(int argc, char **argv) {
     RUN(wrong_cameras_are_refused);
     RUN(hostile_cameras_are_refused);
     RUN(contradictory_options_are_refused);
-    RUN(a_frame_that_cannot_be_written_ends_the_run);
+    RUN(a_frame_that_cannot_be_written_is_named_first);
     RUN(interrupted_sequences_go_on);
     RUN(an_animated_camera_moves);
     RUN(an_animated_camera_turns);
