@@ -409,8 +409,8 @@ TEST(disc_and_sphere_overhead) {
     }
 }
 
-/* The centre of a small light is at its radius times q above the horizon. The light is a disc, seen from so far that its
-   radiance arrives from all of its part above the horizon. The quadrature cuts this part into strips. */
+/* The centre of a small light is at heights[i] times its radius above the horizon. The quadrature cuts the part of the
+   light's disc that is above the horizon into strips. */
 TEST(small_lights_on_the_horizon) {
     static const double heights[3] = { -0.7, 0, 0.6 };
     const float radius = 0.005f;
@@ -436,8 +436,8 @@ TEST(small_lights_on_the_horizon) {
         scene = scene_desc(&s);
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
                 "the reading fails");
-        CHECK(fabs((double)reading.radiance[0] / expected - 1) < 0.003, "height %g: R is %.4g, expected %.4g", heights[i],
-              (double)reading.radiance[0], expected);
+        CHECK(fabs((double)reading.radiance[0] / expected - 1) < 0.003, "height %g: R is %.4g, expected %.4g",
+              heights[i], (double)reading.radiance[0], expected);
         scene_free(&s);
     }
 }
