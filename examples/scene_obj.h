@@ -108,8 +108,8 @@ static scene__transform scene__move_of(const double scale[3], const double offse
     return out;
 }
 
-/* Reads the options of a texture and replaces those by blanks that assimp misreads. at: follows the first word of the
-   line. move: receives the transform. Returns 1 if -mm changes the values of the texture. */
+/* Reads the options of a texture. Overwrites the options that assimp misreads with blanks. at: the text that follows
+   the first word of the line; move: receives the transform. Returns 1 if -mm changes the values of the texture. */
 static int scene__texture_options(char *at, scene__transform *move) {
     static const struct { const char *name; int most, is_text; } all[] = { { "-s", 3, 0 }, { "-o", 3, 0 },
         { "-t", 3, 0 }, { "-mm", 2, 0 }, { "-bm", 1, 0 }, { "-boost", 1, 0 }, { "-texres", 1, 0 }, { "-cc", 1, 1 },

@@ -9,8 +9,8 @@ uniform int mirrored_count;               // number of records in the scene
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * (light of the mirrored
-                                          // lamps) / (direct light of the brightest of them if nothing blocks it))
+const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the
+                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2

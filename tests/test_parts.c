@@ -26,6 +26,15 @@ static void set_window(sbl_picture_desc *view, const int window[4]) {
     memcpy(view->window, window, sizeof view->window);
 }
 
+/* Selects quarter k of the picture. w: receives the window */
+static void set_quarter(sbl_picture_desc *view, int k, int w[4]) {
+    w[0] = k % 2 * 80;
+    w[1] = k / 2 * 48;
+    w[2] = k % 2 ? WIDTH - 80 : 80;
+    w[3] = k / 2 ? HEIGHT - 48 : 48;
+    set_window(view, w);
+}
+
 /* Renders a picture, and reads a channel of `pixels` pixels. Returns 0 and reports a test failure if this is not
    possible. */
 static int make(const sbl_picture_desc *view, sbl_channel channel, float *out, int pixels) {
@@ -374,9 +383,9 @@ static double make_quarters(sbl_picture_desc view, double *looks) {
     int i, k;
     *looks = 0;
     for (k = 0; k < 4; k++) {
-        const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
         sbl_stats s;
-        set_window(&view, w);
+        int w[4];
+        set_quarter(&view, k, w);
         if (!make(&view, SBL_CHANNEL_LOOKS, part, w[2] * w[3])) return 0;
         for (i = 0; i < w[2] * w[3]; i++) *looks += (double)part[i];
         s = sbl_query_stats(context);
@@ -435,6 +444,18 @@ static double changed_sensors(const int w[4], int within, int *changed, int *all
     return (double)*changed / *all;
 }
 
+/* Renders the complete picture into `whole` with the mean, price and rays that it has without a price. view: receives
+   these three. Returns 0 like make. */
+static int make_with_own_price(sbl_picture_desc *view, sbl_channel channel) {
+    sbl_stats s;
+    if (!make(view, channel, whole, PIXELS)) return 0;
+    s = sbl_query_stats(context);
+    memcpy(view->mean_radiance, s.picture.mean_radiance, sizeof view->mean_radiance);
+    view->look_rays = s.picture.look_rays;
+    view->price = s.picture.price;
+    return make(view, channel, whole, PIXELS);
+}
+
 /* Windows with one price take the sensors and looks of the complete picture with this price, also at their borders. The
    light of few rays is noisy in the second case. */
 TEST(windows_take_the_sensors_of_the_whole) {
@@ -445,18 +466,12 @@ TEST(windows_take_the_sensors_of_the_whole) {
         sbl_picture_desc view = cornell_view(cases[i].mode);
         int changed = 0, all = 0;
         double share = 1;
-        sbl_stats s;
         view.target_error = cases[i].error;
         view.options.preset = SBL_PRESET_DRAFT;
-        if (!make(&view, SBL_CHANNEL_LOOKS, whole, PIXELS)) return;
-        s = sbl_query_stats(context);
-        memcpy(view.mean_radiance, s.picture.mean_radiance, sizeof view.mean_radiance);
-        view.look_rays = s.picture.look_rays;
-        view.price = s.picture.price;
-        if (!make(&view, SBL_CHANNEL_LOOKS, whole, PIXELS)) return;
+        if (!make_with_own_price(&view, SBL_CHANNEL_LOOKS)) return;
         for (k = 0; k < 4; k++) {
-            const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
-            set_window(&view, w);
+            int w[4];
+            set_quarter(&view, k, w);
             if (!make(&view, SBL_CHANNEL_LOOKS, part, w[2] * w[3])) return;
             share = changed_sensors(w, cases[i].within, &changed, &all);
         }
@@ -469,18 +484,12 @@ TEST(windows_take_the_sensors_of_the_whole) {
    pixels: the surface points are the same, and so are the sensors around the windows. */
 TEST(windows_have_the_light_of_the_whole) {
     sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
-    sbl_stats s;
     int k, count = 0;
     view.target_error = 0.003f;
-    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
-    s = sbl_query_stats(context);
-    memcpy(view.mean_radiance, s.picture.mean_radiance, sizeof view.mean_radiance);
-    view.look_rays = s.picture.look_rays;
-    view.price = s.picture.price;
-    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    if (!make_with_own_price(&view, SBL_CHANNEL_RADIANCE)) return;
     for (k = 0; k < 4; k++) {
-        const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
-        set_window(&view, w);
+        int w[4];
+        set_quarter(&view, k, w);
         if (!make(&view, SBL_CHANNEL_RADIANCE, part, w[2] * w[3])) return;
         count += differing(w, 3, 0);
     }
