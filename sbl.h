@@ -2128,10 +2128,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
-       its functions and its table of stages, in which a loop over many items is a row with iterate and count. The
-       stages call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then
-       for each job a loop that makes its sites, and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and
-       declare the descriptor and the two functions in the interface.
+       its functions and its table of stages (see >>device: stages). The stages call sbl__work_prepare (hierarchy,
+       lamps, store), sbl__work_make_task (how to measure, and memory), then for each job a loop that makes its sites,
+       and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions
+       in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -4073,14 +4073,21 @@ static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units
 /* >>device: stages. Long work is a list of stages, and each stage is done in pieces that fit into a slice. A table has
    one row per stage, in the order of execution. A stage is a function `piece`, which does one piece per call, or a
    loop, which calls `iterate` for each of many small items. A loop may have a `piece` too, which runs whenever the loop
-   starts or continues. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+   starts or continues.
+
+   Where functions refer to stages by name, the room begins with a list of its stages, SBL__..._STAGES(X), which has an
+   element X(name, piece, iterate, count, next) for each stage. From this list, SBL__STAGE_NAME makes the enum of the
+   names, and SBL__STAGE_ROW makes the table. To add a stage, add an element. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does a piece; SBL_UNFINISHED: call it again. May be NULL */
-    int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
     sbl_result (*iterate)(void *work, int at);           /* does iteration `at` of a loop; NULL: the stage is no loop */
     int (*count)(void *work);                            /* returns the number of iterations of the loop; called again
                                                             before each iteration */
+    int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
 } sbl__stage_row;
+
+#define SBL__STAGE_NAME(name, piece, iterate, count, next) name,
+#define SBL__STAGE_ROW(name, piece, iterate, count, next) { piece, iterate, count, next },
 
 /* the progress of staged work */
 typedef struct sbl__stages {
@@ -5239,8 +5246,8 @@ static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; 
 /* Does a piece of the work. Returns SBL_SUCCESS if all rings up to r->last have values, SBL_UNFINISHED before. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__ring_source, sbl__rings_things },
-        { NULL, NULL, sbl__ring_next, sbl__rings_queued }
+        { NULL, sbl__ring_source, sbl__rings_things, NULL },
+        { NULL, sbl__ring_next, sbl__rings_queued, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -5253,8 +5260,13 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 
 #define SBL__SOLVER_ROUNDS 1000  /* maximum number of iterations */
 
-enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
-       SBL__SOLVER_DONE };
+#define SBL__SOLVER_STAGES(X) \
+    X(SBL__SOLVER_START, NULL, sbl__solver_unknown, sbl__solver_unknowns, sbl__solver_after_start) \
+    X(SBL__SOLVER_TURN, NULL, sbl__solver_unknown, sbl__solver_unknowns, NULL) \
+    X(SBL__SOLVER_MULTIPLY, NULL, sbl__solver_term, sbl__solver_terms, NULL) \
+    X(SBL__SOLVER_DOT, NULL, sbl__solver_unknown, sbl__solver_unknowns, NULL) \
+    X(SBL__SOLVER_ADVANCE, NULL, sbl__solver_unknown, sbl__solver_unknowns, sbl__solver_after_advance)
+enum { SBL__SOLVER_STAGES(SBL__STAGE_NAME) SBL__SOLVER_DONE };
 
 /* Scalars of a system (see sbl__solver.together):
    power, next_power  residual . preconditioned residual, before and after an iteration
@@ -5381,13 +5393,7 @@ static int sbl__solver_after_advance(void *work) {
 
 /* Does a piece. Returns SBL_SUCCESS when solved or after SBL__SOLVER_ROUNDS; the next call starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, NULL, sbl__solver_term, sbl__solver_terms },
-        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns }
-    };
+    static const sbl__stage_row table[] = { SBL__SOLVER_STAGES(SBL__STAGE_ROW) };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (result != SBL_SUCCESS) return result;
     memset(&s->stages, 0, sizeof s->stages);
@@ -6371,7 +6377,15 @@ typedef struct sbl__bvh_split {
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
 typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__bvh_node_cost;
 
-enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
+#define SBL__BVH_STAGES(X) \
+    X(SBL__BVH_BOXES, NULL, sbl__bvh_box, sbl__bvh_all_triangles, sbl__bvh_after_boxes) \
+    X(SBL__BVH_COUNT, NULL, sbl__bvh_chunk, sbl__bvh_chunks, sbl__bvh_choose) \
+    X(SBL__BVH_PART, NULL, sbl__bvh_chunk, sbl__bvh_chunks, NULL) \
+    X(SBL__BVH_NODE, sbl__bvh_end_task, NULL, NULL, sbl__bvh_next_task) \
+    X(SBL__BVH_COSTS, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes, NULL) \
+    X(SBL__BVH_TRIANGLES, sbl__bvh_triangles, NULL, NULL, NULL) \
+    X(SBL__BVH_NODES, sbl__bvh_nodes, NULL, NULL, NULL)
+enum { SBL__BVH_STAGES(SBL__STAGE_NAME) SBL__BVH_DONE };
 
 typedef struct sbl__bvh {        /* data for building the hierarchy */
     sbl__stages stages;
@@ -6738,15 +6752,7 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
 
 /* Builds and uploads the hierarchy, in slices. Returns SBL_SUCCESS if it is ready. After an error, a call restarts. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
-        { NULL, sbl__bvh_choose, sbl__bvh_chunk, sbl__bvh_chunks },
-        { NULL, NULL, sbl__bvh_chunk, sbl__bvh_chunks },
-        { sbl__bvh_end_task, sbl__bvh_next_task, NULL, NULL },
-        { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
-        { sbl__bvh_triangles, NULL, NULL, NULL },
-        { sbl__bvh_nodes, NULL, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__BVH_STAGES(SBL__STAGE_ROW) };
     const double start = sbl__now();
     sbl_result result = SBL_SUCCESS;
     if (h->ready) return SBL_SUCCESS;
@@ -7778,13 +7784,13 @@ static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
-        { NULL, sbl__lamps_compact, sbl__lamps_drop_copy, sbl__lamps_count },
+        { NULL, sbl__lamps_add, sbl__lamps_candidates, NULL },
+        { NULL, sbl__lamps_drop_copy, sbl__lamps_count, sbl__lamps_compact },
         { sbl__lamps_place, NULL, NULL, NULL },
-        { sbl__lamps_sort, sbl__lamps_make_roots, NULL, NULL },
-        { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
-        { NULL, NULL, sbl__lamps_sum, sbl__lamps_nodes },
-        { NULL, sbl__lamps_mirror, sbl__planes_add, sbl__planes_candidates },
+        { sbl__lamps_sort, NULL, NULL, sbl__lamps_make_roots },
+        { NULL, sbl__lamps_split, sbl__lamps_nodes, NULL },
+        { NULL, sbl__lamps_sum, sbl__lamps_nodes, NULL },
+        { NULL, sbl__planes_add, sbl__planes_candidates, sbl__lamps_mirror },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
     sbl__lamps *l = lights->building;
@@ -8127,9 +8133,9 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
 
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
-        { NULL, NULL, sbl__patch_join, sbl__patching_triangles },
-        { NULL, NULL, sbl__patch_measure, sbl__patching_triangles }
+        { NULL, sbl__patch_weld, sbl__patching_vertices, NULL },
+        { NULL, sbl__patch_join, sbl__patching_triangles, NULL },
+        { NULL, sbl__patch_measure, sbl__patching_triangles, NULL }
     };
     return sbl__stages_step(&p->stages, table, SBL__COUNT(table), p, slice);
 }
@@ -9101,7 +9107,7 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__glow_side, sbl__glow_sides },
+        { NULL, sbl__glow_side, sbl__glow_sides, NULL },
         { sbl__glow_limit, NULL, NULL, NULL }
     };
     sbl__glowing *w = s->glowing;
@@ -10276,17 +10282,17 @@ static sbl_result sbl__atlas_mark_row(void *work, int row) {
    sbl__atlas_warn_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
-        { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
-        { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
+        { NULL, sbl__atlas_weld, sbl__atlas_vertices, NULL },
+        { NULL, sbl__atlas_join, sbl__atlas_triangles, NULL },
+        { NULL, sbl__atlas_number, sbl__atlas_vertices, NULL },
         { sbl__atlas_draw, NULL, NULL, NULL },
         { sbl__atlas_mark_begin, NULL, NULL, NULL },
-        { NULL, NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices },
-        { NULL, NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles },
-        { NULL, NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles },
-        { NULL, NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits },
+        { NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices, NULL },
+        { NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles, NULL },
+        { NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles, NULL },
+        { NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits, NULL },
         { sbl__atlas_mark_end, NULL, NULL, NULL },
-        { NULL, NULL, sbl__atlas_mark_row, sbl__atlas_lines }
+        { NULL, sbl__atlas_mark_row, sbl__atlas_lines, NULL }
     };
     return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
 }
@@ -14289,10 +14295,15 @@ typedef struct sbl__task {
 
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
-typedef enum sbl__job_stage {
-    SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE, SBL__JOB_READ,
-    SBL__JOB_DONE
-} sbl__job_stage;
+#define SBL__JOB_STAGES(X) \
+    X(SBL__JOB_SETUP, sbl__job_setup, NULL, NULL, NULL) \
+    X(SBL__JOB_WEIGH, sbl__job_weigh, NULL, NULL, NULL) \
+    X(SBL__JOB_COMPILE, sbl__job_compile, NULL, NULL, NULL) \
+    X(SBL__JOB_DRAW, sbl__job_draw, NULL, NULL, sbl__job_next) \
+    X(SBL__JOB_AIM, sbl__job_aim, NULL, NULL, NULL) \
+    X(SBL__JOB_REDUCE, sbl__job_reduce, NULL, NULL, sbl__job_next) \
+    X(SBL__JOB_READ, sbl__job_read, NULL, NULL, sbl__job_next)
+enum { SBL__JOB_STAGES(SBL__STAGE_NAME) SBL__JOB_DONE };
 
 typedef struct sbl__job {
     sbl__stages stages;
@@ -15022,15 +15033,7 @@ static int sbl__job_next(void *work) {
 
 /* Does one piece of bounded duration. Returns SBL_UNFINISHED until all readings are written, then SBL_SUCCESS. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__job_setup, NULL, NULL, NULL },
-        { sbl__job_weigh, NULL, NULL, NULL },
-        { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_next, NULL, NULL },
-        { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_next, NULL, NULL },
-        { sbl__job_read, sbl__job_next, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__JOB_STAGES(SBL__STAGE_ROW) };
     sbl_result result;
     j->device = d;
     result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
@@ -15105,7 +15108,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
    a flat surface cuts all cells along its contact line.
 
-   The stages, which are the rows of sbl__bounce_stages; braces mark what is repeated until nothing is new:
+   The stages, see SBL__BOUNCE_STAGES; braces mark what is repeated until nothing is new:
 
        cells and points   PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
        light of lamps     RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT
@@ -15271,15 +15274,39 @@ typedef struct sbl__bounce_leaf {
     int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
-enum {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
-    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
-    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SPREAD,
-    SBL__BOUNCE_REGIONS, SBL__BOUNCE_SCORE, SBL__BOUNCE_DIVIDE, SBL__BOUNCE_LAYERS, SBL__BOUNCE_LAYERS_GATHER,
-    SBL__BOUNCE_SUM_FOUND, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
-    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_LAYERS_SCALE, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
-    SBL__BOUNCE_DONE
-};
+#define SBL__BOUNCE_STAGES(X) \
+    X(SBL__BOUNCE_PATCHES, sbl__bounce_patches, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GRID, sbl__bounce_grid, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_SAMPLE, NULL, sbl__bounce_sample, sbl__bounce_triangles, NULL) \
+    X(SBL__BOUNCE_CAST_SAMPLES, sbl__bounce_cast_samples, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_PLACE, NULL, sbl__bounce_place, sbl__bounce_queued, sbl__bounce_after_place) \
+    X(SBL__BOUNCE_CAST_CONTACTS, sbl__bounce_cast_contacts, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_CUT, NULL, sbl__bounce_cuts, sbl__bounce_uncut_leaves, sbl__bounce_after_cuts) \
+    X(SBL__BOUNCE_CAST_POINTS, sbl__bounce_cast_points, NULL, NULL, sbl__bounce_after_rays) \
+    X(SBL__BOUNCE_RELOCATE, NULL, sbl__bounce_relocate, sbl__bounce_points, sbl__bounce_after_relocate) \
+    X(SBL__BOUNCE_SORT, NULL, sbl__bounce_sort, sbl__bounce_points, sbl__bounce_after_sort) \
+    X(SBL__BOUNCE_LINK, NULL, sbl__bounce_link, sbl__bounce_points, sbl__bounce_after_link) \
+    X(SBL__BOUNCE_SITES, sbl__bounce_allocate, sbl__bounce_site, sbl__bounce_points, sbl__bounce_after_sites) \
+    X(SBL__BOUNCE_LIGHT, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_light) \
+    X(SBL__BOUNCE_DIRECT, sbl__bounce_reads_make, sbl__bounce_direct, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_GATHER, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_gather) \
+    X(SBL__BOUNCE_SPREAD, sbl__bounce_spread_make, sbl__bounce_spread, sbl__bounce_points, NULL) \
+    X(SBL__BOUNCE_REGIONS, NULL, sbl__bounce_regions, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_SCORE, NULL, sbl__bounce_score, sbl__bounce_leaves, sbl__bounce_after_score) \
+    X(SBL__BOUNCE_DIVIDE, NULL, sbl__bounce_divide, sbl__bounce_leaves, sbl__bounce_after_divide) \
+    X(SBL__BOUNCE_LAYERS, sbl__bounce_layers_make, sbl__bounce_layers_direct, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_LAYERS_GATHER, NULL, sbl__bounce_layers_gather, sbl__bounce_leaves, sbl__bounce_after_layers_gather) \
+    X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bounce_sum_found, sbl__bounce_points, NULL) \
+    X(SBL__BOUNCE_CHOOSE, sbl__bounce_choose, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GLOW, sbl__bounce_glow, NULL, NULL, sbl__bounce_after_glow) \
+    X(SBL__BOUNCE_NOISE, NULL, sbl__bounce_noise, sbl__bounce_leaves, sbl__bounce_after_noise) \
+    X(SBL__BOUNCE_PROPAGATE, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_propagate) \
+    X(SBL__BOUNCE_UNCERTAINTY, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves, sbl__bounce_after_uncertainty) \
+    X(SBL__BOUNCE_LAYERS_SCALE, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves, NULL) \
+    X(SBL__BOUNCE_LAMPS, sbl__bounce_lamps, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_SEND, sbl__bounce_send, NULL, NULL, sbl__bounce_after_send) \
+    X(SBL__BOUNCE_AIR, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_air)
+enum { SBL__BOUNCE_STAGES(SBL__STAGE_NAME) SBL__BOUNCE_DONE };
 
 /* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
    leaves; but rays of its points find surfaces whose light falls on the black surface, and these surfaces need
@@ -17429,39 +17456,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
-static const sbl__stage_row sbl__bounce_stages[] = {
-    { sbl__bounce_patches, NULL, NULL, NULL },
-    { sbl__bounce_grid, NULL, NULL, NULL },
-    { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
-    { sbl__bounce_cast_samples, NULL, NULL, NULL },
-    { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
-    { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-    { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
-    { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
-    { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
-    { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
-    { NULL, sbl__bounce_after_link, sbl__bounce_link, sbl__bounce_points },
-    { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-    { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
-    { sbl__bounce_reads_make, NULL, sbl__bounce_direct, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
-    { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
-    { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_score, sbl__bounce_score, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
-    { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_sum_found, sbl__bounce_points },
-    { sbl__bounce_choose, NULL, NULL, NULL },
-    { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
-    { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves },
-    { sbl__bounce_lamps, NULL, NULL, NULL },
-    { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-    { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
-};
+static const sbl__stage_row sbl__bounce_stages[] = { SBL__BOUNCE_STAGES(SBL__STAGE_ROW) };
 
 /* Does a piece of the filling of the store. Returns SBL_UNFINISHED until the store is ready, then SBL_SUCCESS. An error
    ends the filling. */
@@ -19562,10 +19557,23 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 /* >>refine: stages */
 
-enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
-       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_RESTART, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT,
-       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_COLLECT_PLACES, SBL__REFINE_SEARCH,
-       SBL__REFINE_TAKE_PLACES, SBL__REFINE_DONE };
+#define SBL__REFINE_STAGES(X) \
+    X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
+    X(SBL__REFINE_COLLECT, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
+    X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
+    X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
+    X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
+    X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
+    X(SBL__REFINE_COLLECT_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SCOUT, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_SCOUTS, sbl__scouts_take, NULL, NULL, sbl__refine_after_take) \
+    X(SBL__REFINE_GUIDES, sbl__guides_send, NULL, NULL, sbl__refine_after_guides) \
+    X(SBL__REFINE_COLLECT_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SEARCH, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
+enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -19687,23 +19695,7 @@ static int sbl__refine_after_guides(void *work) {
 
 /* Refines, piece by piece. Returns SBL_SUCCESS after a round that has bought nothing, see sbl__weigh_end. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__refine_tiles, sbl__refine_after_tiles, NULL, NULL },
-        { sbl__refine_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
-        { sbl__refine_count, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
-        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
-        { NULL, sbl__refine_after_restart, NULL, NULL },
-        { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
-        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL },
-        { sbl__places_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_take, sbl__places_take, sbl__refine_sites }
-    };
+    static const sbl__stage_row table[] = { SBL__REFINE_STAGES(SBL__STAGE_ROW) };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
 
@@ -20439,7 +20431,13 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
    unknowns: texels until the point is added, then indices of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
+#define SBL__SEAMS_STAGES(X) \
+    X(SBL__SEAMS_EDGES, sbl__seams_make, sbl__seams_edge, sbl__seams_edges, NULL) \
+    X(SBL__SEAMS_BEFORE, sbl__seams_make_solver, sbl__seam_measure, sbl__seams_points, NULL) \
+    X(SBL__SEAMS_SOLVE, sbl__seams_solve, NULL, NULL, NULL) \
+    X(SBL__SEAMS_APPLY, NULL, sbl__seam_apply, sbl__seams_unknowns, sbl__seams_after_apply) \
+    X(SBL__SEAMS_AFTER, NULL, sbl__seam_measure, sbl__seams_points, NULL)
+enum { SBL__SEAMS_STAGES(SBL__STAGE_NAME) SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
     sbl__stages stages;
@@ -20718,13 +20716,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
    order, from 0 on; they share the points and the solver. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
-        { sbl__seams_make_solver, NULL, sbl__seam_measure, sbl__seams_points },
-        { sbl__seams_solve, NULL, NULL, NULL },
-        { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_measure, sbl__seams_points }
-    };
+    static const sbl__stage_row table[] = { SBL__SEAMS_STAGES(SBL__STAGE_ROW) };
     s->light = light;
     s->atlas = atlas;
     if (layer != s->layer) {
@@ -20887,7 +20879,7 @@ static double *sbl__work_seconds(const void *work) {
 
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
-   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. The front end
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_STAGES. The front end
    chooses the functions of the stages READ and PREVIEW.
 
    The map is made on the working grid. If texels of a lightmap are supersampled, this grid is finer than the map that
@@ -20904,10 +20896,22 @@ static double *sbl__work_seconds(const void *work) {
    interrupted for a glimpse: a map of direct light alone with few sensors. The stages from SURFACE to PREVIEW make it,
    then PREPARE continues. All measurements of the glimpse are dropped; only its preview stays for the host to read. */
 
-enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
-       SBL__MAP_DEVELOP, SBL__MAP_END };
+/* The first stages of a front end that has a map. read, preview: functions of the front end */
+#define SBL__MAP_STAGES(X, read, preview) \
+    X(SBL__MAP_SETUP, sbl__map_setup, NULL, NULL, NULL) \
+    X(SBL__MAP_PREPARE, sbl__map_prepare, NULL, NULL, sbl__map_after_prepare) \
+    X(SBL__MAP_SURFACE, sbl__map_surface, NULL, NULL, NULL) \
+    X(SBL__MAP_READ, read, NULL, NULL, sbl__map_after_read) \
+    X(SBL__MAP_REFINE, sbl__map_refine, NULL, NULL, sbl__map_after_refine) \
+    X(SBL__MAP_PREVIEW, preview, NULL, NULL, sbl__map_after_preview) \
+    X(SBL__MAP_DEVELOP, sbl__map_develop, NULL, NULL, sbl__map_after_develop)
+enum { SBL__MAP_STAGES(SBL__STAGE_NAME, NULL, NULL) SBL__MAP_END };
 
-enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
+#define SBL__DEVELOP_STAGES(X) \
+    X(SBL__DEVELOP_FILL, sbl__map_fill, NULL, NULL, NULL) \
+    X(SBL__DEVELOP_SEND, sbl__map_send, NULL, NULL, NULL) \
+    X(SBL__DEVELOP_FILTER, sbl__map_filter, NULL, NULL, NULL)
+enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
@@ -21330,11 +21334,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
 
 /* Interpolates, uploads and filters m->layer, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__map_fill, NULL, NULL, NULL },
-        { sbl__map_send, NULL, NULL, NULL },
-        { sbl__map_filter, NULL, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__DEVELOP_STAGES(SBL__STAGE_ROW) };
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
@@ -21385,13 +21385,6 @@ static int sbl__map_after_preview(void *work) {
 }
 
 /* >>map: stages */
-
-/* The first rows of the table of stages of a front end, which provides the functions `read` and `preview`. */
-#define SBL__MAP_ROWS(read, preview) \
-    { sbl__map_setup, NULL, NULL, NULL }, { sbl__map_prepare, sbl__map_after_prepare, NULL, NULL }, \
-    { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
-    { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
-    { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
 static double *sbl__map_seconds(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
@@ -21791,8 +21784,15 @@ static float sbl__reflections_progress(const sbl__reflections *f) {
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a radiance map of the camera's view, then composition and anti-aliasing. */
 
-enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH,
-       SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
+#define SBL__PICTURE_STAGES(X) \
+    X(SBL__PICTURE_LOBES, sbl__picture_lobes, NULL, NULL, sbl__picture_after_lobes) \
+    X(SBL__PICTURE_REFLECT, sbl__picture_reflect, NULL, NULL, sbl__picture_after_reflect) \
+    X(SBL__PICTURE_DEVELOP, sbl__map_develop, NULL, NULL, sbl__picture_after_develop) \
+    X(SBL__PICTURE_FINISH, sbl__picture_finish, NULL, NULL, NULL) \
+    X(SBL__PICTURE_SAMPLE, sbl__picture_sample, NULL, NULL, NULL) \
+    X(SBL__PICTURE_RESOLVE, sbl__picture_resolve, NULL, NULL, sbl__picture_after_resolve)
+/* The stages after those of the map. SBL__PICTURE_LOBES is thus equal to SBL__MAP_END. */
+enum { SBL__PICTURE_LAST_OF_MAP = SBL__MAP_END - 1, SBL__PICTURE_STAGES(SBL__STAGE_NAME) SBL__PICTURE_DONE };
 
 /* A composition. textures[0]: radiance; textures[1]: the colour on a screen, made only with a tone */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
@@ -22158,13 +22158,8 @@ static double *sbl__picture_seconds(const void *work) {
 }
 
 static const sbl__stage_row sbl__picture_stages[] = {
-    SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
-    { sbl__picture_lobes, sbl__picture_after_lobes, NULL, NULL },
-    { sbl__picture_reflect, sbl__picture_after_reflect, NULL, NULL },
-    { sbl__map_develop, sbl__picture_after_develop, NULL, NULL },
-    { sbl__picture_finish, NULL, NULL, NULL },
-    { sbl__picture_sample, NULL, NULL, NULL },
-    { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
+    SBL__MAP_STAGES(SBL__STAGE_ROW, sbl__map_read, sbl__picture_preview)
+    SBL__PICTURE_STAGES(SBL__STAGE_ROW)
 };
 static const sbl__front_end sbl__picture_front_end = {
     "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_need, sbl__picture_begin, sbl__picture_stages,
@@ -22175,8 +22170,15 @@ static const sbl__front_end sbl__picture_front_end = {
    The front end that bakes lightmaps: makes a radiance map of an atlas; then, for each layer of light, averages the
    supersampled texels, fills the gutters and evens out the seams. */
 
-enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_SEAMS, SBL__LIGHTMAP_SEND,
-       SBL__LIGHTMAP_SHARES, SBL__LIGHTMAP_GROUPS, SBL__LIGHTMAP_DONE };
+#define SBL__LIGHTMAP_STAGES(X) \
+    X(SBL__LIGHTMAP_LIGHT, sbl__lightmap_light, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_GUTTERS, sbl__lightmap_gutters, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_SEAMS, sbl__lightmap_sew, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_SEND, sbl__lightmap_send, NULL, NULL, sbl__lightmap_after_send) \
+    X(SBL__LIGHTMAP_SHARES, NULL, sbl__lightmap_share, sbl__lightmap_share_rows, sbl__lightmap_after_shares) \
+    X(SBL__LIGHTMAP_GROUPS, sbl__lightmap_send_group, NULL, NULL, sbl__lightmap_after_group)
+/* The stages after those of the map. SBL__LIGHTMAP_LIGHT is thus equal to SBL__MAP_END. */
+enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__STAGE_NAME) SBL__LIGHTMAP_DONE };
 
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
@@ -22486,13 +22488,8 @@ static int sbl__lightmap_after_send(void *work) {
 }
 
 static const sbl__stage_row sbl__lightmap_stages[] = {
-    SBL__MAP_ROWS(sbl__lightmap_read, sbl__map_preview),
-    { sbl__lightmap_light, NULL, NULL, NULL },
-    { sbl__lightmap_gutters, NULL, NULL, NULL },
-    { sbl__lightmap_sew, NULL, NULL, NULL },
-    { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL },
-    { NULL, sbl__lightmap_after_shares, sbl__lightmap_share, sbl__lightmap_share_rows },
-    { sbl__lightmap_send_group, sbl__lightmap_after_group, NULL, NULL }
+    SBL__MAP_STAGES(SBL__STAGE_ROW, sbl__lightmap_read, sbl__map_preview)
+    SBL__LIGHTMAP_STAGES(SBL__STAGE_ROW)
 };
 static const sbl__front_end sbl__lightmap_front_end = {
     "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_need, sbl__lightmap_begin, sbl__lightmap_stages,
@@ -22503,8 +22500,14 @@ static const sbl__front_end sbl__lightmap_front_end = {
    The front end that joins the windows of a lightmap. The host has put them together; this front end makes the gutters
    and seams of the whole map, layer by layer. */
 
-enum { SBL__WINDOWS_CHECK, SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE,
-       SBL__WINDOWS_SHARES, SBL__WINDOWS_DONE };
+#define SBL__WINDOWS_STAGES(X) \
+    X(SBL__WINDOWS_CHECK, NULL, sbl__joining_check_texels, sbl__joining_rows, NULL) \
+    X(SBL__WINDOWS_TAKE, sbl__joining_take, NULL, NULL, NULL) \
+    X(SBL__WINDOWS_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
+    X(SBL__WINDOWS_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
+    X(SBL__WINDOWS_GIVE, sbl__joining_give, NULL, NULL, sbl__joining_after_give) \
+    X(SBL__WINDOWS_SHARES, NULL, sbl__joining_share, sbl__joining_share_rows, NULL)
+enum { SBL__WINDOWS_STAGES(SBL__STAGE_NAME) SBL__WINDOWS_DONE };
 
 #define SBL__WINDOWS_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
 
@@ -22679,14 +22682,7 @@ static float sbl__joining_progress(const void *work) {
                     (float)sbl__joining_layers(j), 1);
 }
 
-static const sbl__stage_row sbl__joining_stages[] = {
-    { NULL, NULL, sbl__joining_check_texels, sbl__joining_rows },
-    { sbl__joining_take, NULL, NULL, NULL },
-    { sbl__joining_gutters, NULL, NULL, NULL },
-    { sbl__joining_sew, NULL, NULL, NULL },
-    { sbl__joining_give, sbl__joining_after_give, NULL, NULL },
-    { NULL, NULL, sbl__joining_share, sbl__joining_share_rows }
-};
+static const sbl__stage_row sbl__joining_stages[] = { SBL__WINDOWS_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__windows_front_end = {
     "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__WINDOWS_DONE,
     sbl__joining_seconds, sbl__joining_progress, sbl__joining_free
@@ -22697,7 +22693,12 @@ static const sbl__front_end sbl__windows_front_end = {
 
 #define SBL__UNIT_SLACK 1e-6     /* normals are normalised if their squared length differs from 1 by more than this */
 
-enum { SBL__GATHER_PREPARE, SBL__GATHER_SETUP, SBL__GATHER_SITES, SBL__GATHER_SENSE, SBL__GATHER_DONE };
+#define SBL__GATHER_STAGES(X) \
+    X(SBL__GATHER_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__GATHER_SETUP, sbl__gathering_setup, NULL, NULL, sbl__gathering_next_job) \
+    X(SBL__GATHER_SITES, NULL, sbl__gathering_site, sbl__work_site_count, NULL) \
+    X(SBL__GATHER_SENSE, sbl__work_sense, NULL, NULL, sbl__gathering_after_sense)
+enum { SBL__GATHER_STAGES(SBL__STAGE_NAME) SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -22790,12 +22791,7 @@ static float sbl__gathering_progress(const void *work) {
     return (float)((g->first + sbl__work_measured(&g->work, SBL__GATHER_SENSE)) / SBL__MAX(1, g->desc.site_count));
 }
 
-static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { sbl__gathering_setup, sbl__gathering_next_job, NULL, NULL },
-    { NULL, NULL, sbl__gathering_site, sbl__work_site_count },
-    { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
-};
+static const sbl__stage_row sbl__gathering_stages[] = { SBL__GATHER_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__readings_front_end = {
     "sbl_begin_readings", 0, sbl__gathering_check, NULL, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
     sbl__work_seconds, sbl__gathering_progress, sbl__gathering_free
@@ -22835,15 +22831,26 @@ static const sbl__front_end sbl__readings_front_end = {
                                            row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
-enum {
-    SBL__VERTICES_PREPARE, SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_SETUP,
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
-    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
-    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
-    SBL__VERTICES_WRITE,
-    SBL__VERTICES_NEXT,  /* returns to SOLVE for each light group */
-    SBL__VERTICES_SHARES, SBL__VERTICES_DONE
-};
+/* SITES to TAKE are repeated for each job; SPREAD and MEAN for each ring of unknowns around those with light; NEXT
+   returns to SOLVE for each light group. */
+#define SBL__VERTICES_STAGES(X) \
+    X(SBL__VERTICES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__VERTICES_FACES, NULL, sbl__vertices_face, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_WELD, NULL, sbl__vertices_weld, sbl__vertices_count, NULL) \
+    X(SBL__VERTICES_SIDES, NULL, sbl__vertices_sides, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_SETUP, sbl__vertices_setup, NULL, NULL, sbl__vertices_next_job) \
+    X(SBL__VERTICES_SITES, NULL, sbl__vertices_ask, sbl__work_site_count, NULL) \
+    X(SBL__VERTICES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
+    X(SBL__VERTICES_TAKE, NULL, sbl__vertices_take, sbl__work_site_count, sbl__vertices_next_job) \
+    X(SBL__VERTICES_MASS, NULL, sbl__vertices_mass, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_BEND, NULL, sbl__vertices_bend, sbl__vertices_hinges, NULL) \
+    X(SBL__VERTICES_SOLVE, sbl__vertices_solve, sbl__vertices_average, sbl__vertices_averages, NULL) \
+    X(SBL__VERTICES_SPREAD, NULL, sbl__vertices_spread, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_MEAN, NULL, sbl__vertices_mean, sbl__vertices_count, sbl__vertices_after_mean) \
+    X(SBL__VERTICES_WRITE, NULL, sbl__vertices_write, sbl__vertices_count, sbl__vertices_after_write) \
+    X(SBL__VERTICES_NEXT, NULL, sbl__vertices_next, sbl__vertices_triangles, sbl__vertices_after_next) \
+    X(SBL__VERTICES_SHARES, NULL, sbl__vertices_share, sbl__vertices_shared, sbl__vertices_after_shares)
+enum { SBL__VERTICES_STAGES(SBL__STAGE_NAME) SBL__VERTICES_DONE };
 
 /* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
    in the scene". */
@@ -23463,24 +23470,7 @@ static float sbl__vertices_progress(const void *work) {
     return SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points));
 }
 
-static const sbl__stage_row sbl__vertices_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
-    { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
-    { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_setup, sbl__vertices_next_job, NULL, NULL },
-    { NULL, NULL, sbl__vertices_ask, sbl__work_site_count },
-    { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__work_site_count },
-    { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
-    { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
-    { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
-    { NULL, NULL, sbl__vertices_spread, sbl__vertices_triangles },
-    { NULL, sbl__vertices_after_mean, sbl__vertices_mean, sbl__vertices_count },
-    { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count },
-    { NULL, sbl__vertices_after_next, sbl__vertices_next, sbl__vertices_triangles },
-    { NULL, sbl__vertices_after_shares, sbl__vertices_share, sbl__vertices_shared }
-};
+static const sbl__stage_row sbl__vertices_stages[] = { SBL__VERTICES_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__vertices_front_end = {
     "sbl_begin_vertices", 0, sbl__vertices_check, NULL, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
     sbl__vertices_seconds, sbl__vertices_progress, sbl__vertices_free
@@ -23515,8 +23505,13 @@ static const sbl__front_end sbl__vertices_front_end = {
 
 enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
-       SBL__PROBES_DONE };
+#define SBL__PROBES_STAGES(X) \
+    X(SBL__PROBES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__PROBES_SETUP, sbl__probes_setup, NULL, NULL, sbl__probes_batch) \
+    X(SBL__PROBES_SITES, NULL, sbl__probes_site, sbl__work_site_count, NULL) \
+    X(SBL__PROBES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
+    X(SBL__PROBES_TAKE, NULL, sbl__probes_take, sbl__work_site_count, sbl__probes_after_take)
+enum { SBL__PROBES_STAGES(SBL__STAGE_NAME) SBL__PROBES_DONE };
 
 /* weighted sums that become the fields of sbl_probe with the same name */
 typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
@@ -23908,13 +23903,7 @@ static float sbl__probes_progress(const void *work) {
     return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
 
-static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { sbl__probes_setup, sbl__probes_batch, NULL, NULL },
-    { NULL, NULL, sbl__probes_site, sbl__work_site_count },
-    { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__work_site_count }
-};
+static const sbl__stage_row sbl__probes_stages[] = { SBL__PROBES_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, NULL, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
     sbl__work_seconds, sbl__probes_progress, sbl__probes_free
