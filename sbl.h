@@ -2001,7 +2001,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>scene        the rooms above as one scene; GLSL that all shaders share
                   >>glow         surfaces whose bounced light is so bright that they are lamps
                   >>options      the descriptors of all front ends: options, defaults, checks
-   a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
+   a sensor       >>window       where the part of a picture or lightmap that is made lies in the whole
+                  >>atlas        finds the triangle that each texel of a lightmap shows
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
                   >>guide        sends rays in directions in which nearby rays have found light
@@ -2009,7 +2010,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>aim          rays towards lamps, and the sequences that all rays follow
                   >>raster       measures by drawing views, as the paper does
                   >>trace        measures by tracing rays
-                  >>job          the core: takes sites, returns readings, by rays or by views
+                  >>job          takes sites, returns readings, by rays or by views
+                  >>core         the device, the scene, the job and the statistics, which all rooms below share
    bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
                   >>saved        writes the store to a stream and reads it
    a picture      >>refine       chooses the pixels that get sensors, interpolates, predicts the error
@@ -9281,86 +9283,6 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 
 #define SBL__MAX_SIZE 16384     /* maximum width and height of a picture or lightmap, in working pixels */
 
-/* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
-   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
-   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
-   x and y in working pixels. */
-typedef struct sbl__window {
-    int whole[2];               /* size of the whole picture */
-    int first[2], size[2];      /* the working grid: position in the whole picture, and size */
-    int inset[2], shown[2];     /* the window: position in the working grid, and size */
-    int margin;                 /* errors count up to this many pixels outside the window */
-    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
-} sbl__window;
-
-#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
-                                   resolve.glsl */
-
-/* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
-static sbl__window sbl__window_of(const sbl_picture_desc *d) {
-    sbl__window w;
-    int k;
-    w.whole[0] = d->width;
-    w.whole[1] = d->height;
-    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
-    w.has_ring = d->price > 0;
-    for (k = 0; k < 2; k++) {
-        const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
-        /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
-        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
-        w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
-        w.inset[k] = from - w.first[k];
-        w.shown[k] = to - from;
-    }
-    return w;
-}
-
-/* Returns the descriptor of the working grid: its size, and its part of the projection. */
-static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
-    sbl_picture_desc part = *d;
-    float *m = part.view_to_clip;
-    int i, k;
-    part.width = w->size[0];
-    part.height = w->size[1];
-    for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
-        /* scales and shifts normalised device coordinates, in which y points up */
-        const double scale = (double)w->whole[k] / w->size[k];
-        const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
-        for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
-    }
-    return part;
-}
-
-static int sbl__window_is_whole(const sbl__window *w) {
-    return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
-}
-
-/* Returns 1 if pixel (x, y) of the working grid is in the window, or at most `margin` pixels outside it. */
-static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
-    return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
-           y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
-}
-
-/* Returns 1 if the window shows pixel (x, y) of the working grid. */
-static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
-
-/* Returns 1 if the error of pixel (x, y) of the working grid counts: the window shows the pixel, or the filter or
-   anti-aliasing may read it for a pixel that the window shows. */
-static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
-
-/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
-   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
-static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
-    const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
-    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
-    int k, touches = 1;
-    for (k = 0; k < 2; k++)
-        touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
-    return touches;
-}
-
 /* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
     if (!w[0] && !w[1] && !w[2] && !w[3]) return;
@@ -9710,6 +9632,89 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     }
     sbl__check_rest(&check, "sbl_probes_desc", "probes", wrong);
     return sbl__check_end(&check);
+}
+
+/* ======================================================================================================== >>window
+   Where a part of a picture or lightmap, its window, lies in the whole, and which pixels around it are made, too. */
+
+/* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
+   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
+   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
+   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
+   x and y in working pixels. */
+typedef struct sbl__window {
+    int whole[2];               /* size of the whole picture */
+    int first[2], size[2];      /* the working grid: position in the whole picture, and size */
+    int inset[2], shown[2];     /* the window: position in the working grid, and size */
+    int margin;                 /* errors count up to this many pixels outside the window */
+    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
+} sbl__window;
+
+#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+                                   resolve.glsl */
+
+/* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
+static sbl__window sbl__window_of(const sbl_picture_desc *d) {
+    sbl__window w;
+    int k;
+    w.whole[0] = d->width;
+    w.whole[1] = d->height;
+    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    w.has_ring = d->price > 0;
+    for (k = 0; k < 2; k++) {
+        const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
+        /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
+        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
+        w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
+        w.inset[k] = from - w.first[k];
+        w.shown[k] = to - from;
+    }
+    return w;
+}
+
+/* Returns the descriptor of the working grid: its size, and its part of the projection. */
+static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
+    sbl_picture_desc part = *d;
+    float *m = part.view_to_clip;
+    int i, k;
+    part.width = w->size[0];
+    part.height = w->size[1];
+    for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
+        /* scales and shifts normalised device coordinates, in which y points up */
+        const double scale = (double)w->whole[k] / w->size[k];
+        const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
+        for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
+    }
+    return part;
+}
+
+static int sbl__window_is_whole(const sbl__window *w) {
+    return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
+}
+
+/* Returns 1 if pixel (x, y) of the working grid is in the window, or at most `margin` pixels outside it. */
+static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
+    return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
+           y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
+}
+
+/* Returns 1 if the window shows pixel (x, y) of the working grid. */
+static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
+
+/* Returns 1 if the error of pixel (x, y) of the working grid counts: the window shows the pixel, or the filter or
+   anti-aliasing may read it for a pixel that the window shows. */
+static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
+
+/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
+   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
+static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
+    const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
+    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
+    int k, touches = 1;
+    for (k = 0; k < 2; k++)
+        touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
+    return touches;
 }
 
 /* ======================================================================================================== >>atlas
@@ -15051,7 +15056,9 @@ static float sbl__job_progress(const sbl__job *j) {
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
-/* >>job: the part of a context that all front ends (pictures, gathers and others) share */
+/* ======================================================================================================== >>core
+   The part of a context that all rooms below share: the device, the scene, the job and the statistics. */
+
 typedef struct sbl__core {
     sbl__base base;
     sbl_context_desc desc;
@@ -17497,24 +17504,6 @@ static float sbl__bounce_progress(const sbl__core *c) {
          : b->stages.stage == SBL__BOUNCE_LIGHT
                ? SBL__BOUNCE_CAST + (SBL__BOUNCE_LIT - SBL__BOUNCE_CAST) * sbl__job_progress(&b->job)
                : SBL__BOUNCE_LIT;
-}
-
-/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
-   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
-   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
-   SBL_SUCCESS. */
-static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
-    const sbl__hierarchy *h = &c->scene.hierarchy;
-    const int rays = s->options.mode != SBL_MODE_PAPER;
-    sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
-    if (result != SBL_SUCCESS) return result;
-    c->stats.scene.bvh_seconds = h->seconds;
-    c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
-    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
-                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
-    if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
-    result = sbl__bounce_step(c, slice);
-    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
 }
 
 /* ======================================================================================================== >>saved
@@ -20829,6 +20818,24 @@ static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
 }
 
 /* >>work: stages that several front ends share */
+
+/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
+   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
+   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
+   SBL_SUCCESS. */
+static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
+    const sbl__hierarchy *h = &c->scene.hierarchy;
+    const int rays = s->options.mode != SBL_MODE_PAPER;
+    sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.scene.bvh_seconds = h->seconds;
+    c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
+                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
+    if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
+    result = sbl__bounce_step(c, slice);
+    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
+}
 
 static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
     const sbl__work *w = (const sbl__work *)work;
