@@ -2024,7 +2024,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>reflections  light that specular lobes reflect to the camera
                   >>picture      pictures
                   >>lightmap     lightmaps
-                  >>windows      gutters and seams of a lightmap that was baked in windows
+                  >>joining      gutters and seams of a lightmap that was baked in windows
                   >>gather       readings at any points
                   >>vertices     light at vertices, fitted to points on triangles
                   >>probes       light at points in the air
@@ -22503,20 +22503,20 @@ static const sbl__front_end sbl__lightmap_front_end = {
     SBL__LIGHTMAP_DONE, sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
 };
 
-/* ======================================================================================================== >>windows
+/* ======================================================================================================== >>joining
    The front end that joins the windows of a lightmap. The host has put them together; this front end makes the gutters
    and seams of the whole map, layer by layer. */
 
-#define SBL__WINDOWS_STAGES(X) \
-    X(SBL__WINDOWS_CHECK, NULL, sbl__joining_check_texels, sbl__joining_rows, NULL) \
-    X(SBL__WINDOWS_TAKE, sbl__joining_take, NULL, NULL, NULL) \
-    X(SBL__WINDOWS_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
-    X(SBL__WINDOWS_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
-    X(SBL__WINDOWS_GIVE, sbl__joining_give, NULL, NULL, sbl__joining_after_give) \
-    X(SBL__WINDOWS_SHARES, NULL, sbl__joining_share, sbl__joining_share_rows, NULL)
-enum { SBL__WINDOWS_STAGES(SBL__STAGE_NAME) SBL__WINDOWS_DONE };
+#define SBL__JOINING_STAGES(X) \
+    X(SBL__JOINING_CHECK, NULL, sbl__joining_check_texels, sbl__joining_rows, NULL) \
+    X(SBL__JOINING_TAKE, sbl__joining_take, NULL, NULL, NULL) \
+    X(SBL__JOINING_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
+    X(SBL__JOINING_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
+    X(SBL__JOINING_GIVE, sbl__joining_give, NULL, NULL, sbl__joining_after_give) \
+    X(SBL__JOINING_SHARES, NULL, sbl__joining_share, sbl__joining_share_rows, NULL)
+enum { SBL__JOINING_STAGES(SBL__STAGE_NAME) SBL__JOINING_DONE };
 
-#define SBL__WINDOWS_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
+#define SBL__JOINING_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
 
 typedef struct sbl__joining {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -22601,7 +22601,7 @@ static sbl_result sbl__joining_check_texels(void *work, int row) {
 /* Returns how many texels the next piece of TAKE or GIVE copies. */
 static int sbl__joining_texels(const sbl__joining *j) {
     const sbl_lightmap_desc *d = &j->desc.lightmap;
-    const int rows = SBL__MAX(1, SBL__WINDOWS_TEXELS / d->width);
+    const int rows = SBL__MAX(1, SBL__JOINING_TEXELS / d->width);
     return SBL__MIN(rows, d->height - j->work.stages.at) * d->width;
 }
 
@@ -22660,7 +22660,7 @@ static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
 static int sbl__joining_after_give(void *work) {
     sbl__joining *j = (sbl__joining *)work;
     sbl__gutters_free(&j->work.core->base, &j->gutters);
-    return ++j->layer < sbl__joining_layers(j) ? SBL__WINDOWS_TAKE : SBL__WINDOWS_SHARES;
+    return ++j->layer < sbl__joining_layers(j) ? SBL__JOINING_TAKE : SBL__JOINING_SHARES;
 }
 
 static int sbl__joining_share_rows(void *work) {
@@ -22685,13 +22685,13 @@ static double *sbl__joining_seconds(const void *work) {
 static float sbl__joining_progress(const void *work) {
     const sbl__joining *j = (const sbl__joining *)work;
     if (sbl__work_is_done(&j->work)) return 1;
-    return SBL__MIN(((float)j->layer + (float)j->work.stages.stage / (float)SBL__WINDOWS_DONE) /
+    return SBL__MIN(((float)j->layer + (float)j->work.stages.stage / (float)SBL__JOINING_DONE) /
                     (float)sbl__joining_layers(j), 1);
 }
 
-static const sbl__stage_row sbl__joining_stages[] = { SBL__WINDOWS_STAGES(SBL__STAGE_ROW) };
+static const sbl__stage_row sbl__joining_stages[] = { SBL__JOINING_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__windows_front_end = {
-    "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__WINDOWS_DONE,
+    "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__JOINING_DONE,
     sbl__joining_seconds, sbl__joining_progress, sbl__joining_free
 };
 
