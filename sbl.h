@@ -2012,7 +2012,15 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>trace        measures by tracing rays
                   >>job          takes sites, returns readings, by rays or by views
                   >>core         the device, the scene, the job and the statistics, which all rooms below share
-   bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
+   bounced light  >>bounce       the data and the stages of the work that fills the store
+                  >>cast         casts rays between surfaces
+                  >>cells        the cells of the store, their leaves, and the points of leaves
+                  >>contacts     cuts cells where objects stand on surfaces
+                  >>solution     the light of all leaves, with all bounces
+                  >>division     divides the leaves that cause most of the error
+                  >>bright       chooses leaves that are so bright that they become lamps
+                  >>uncertainty  the standard error of the light of leaves
+                  >>storing      sends the store to the GPU; begins and steps the work that fills it
                   >>saved        writes the store to a stream and reads it
    a picture      >>refine       chooses the pixels that get sensors, interpolates, predicts the error
                   >>filter       smooths R
@@ -2045,9 +2053,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    a shadow of a lamp is wrong or noisy                       >>aim (lamps.glsl), then >>lamps
    a shadow is missing, or its edge is coarse                 >>refine: no sensor was placed there
    light leaks through a wall: from lamps or sky              >>trace, >>bvh
-   light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
-   bounced light is patchy, too bright or too dark            >>bounce
-   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bounce
+   light leaks through or under a wall: bounced light         >>store, >>cells, >>contacts
+   bounced light is patchy, too bright or too dark            >>cells, >>solution, >>division
+   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bright
    dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
    facets, or wrong normals                                   >>surface (facet_limit), >>geometry
    light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
@@ -2059,7 +2067,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    a lightmap shows wrong charts, or hidden texels            >>atlas, >>refine
    light at vertices, or of probes, is wrong                  >>vertices, >>probes
    pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
-   the predicted error is wrong                               >>refine; the error of stored light: >>bounce
+   the predicted error is wrong                               >>refine; the error of stored light: >>uncertainty
    the target error is missed or takes too long               >>refine (rounds), >>guide
    a slow picture: see sbl_stats.seconds                      the room of the largest number
    one sbl_step takes too long, or the driver resets          >>device (pace)
@@ -7822,10 +7830,10 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). At first,
-   all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A ray
-   that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves in
-   which the light varies are divided by further cuts.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
+   first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
+   ray that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves
+   in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -7836,7 +7844,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 typedef struct sbl__cell_bucket { uint32_t check, reference; } sbl__cell_bucket;
 
 /* A plane that divides a cell. sides: references (as in buckets) to the parts where dot(normal, position) is at most
-   `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division); 0:
+   `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>division); 0:
    because an object stands on the surface */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
@@ -8866,7 +8874,7 @@ static const char *const sbl__glsl_surface[] = {
 /* ======================================================================================================== >>glow
    Finds the glows: parts of surfaces that reflect so much light that sensors send rays to them, as they do to lamps. In
    a room that is lit by a spot of light on its ceiling, nearly all light comes from this small spot, and few of the
-   rays over the hemisphere hit it. >>bounce chooses the bright leaves of the store. This room clips the scene's
+   rays over the hemisphere hit it. >>bright chooses the bright leaves of the store. This room clips the scene's
    triangles by the cells of these leaves and by the cuts in them, so that glows cover exactly the surfaces where far
    rays read bright leaves. A glow emits the leaf's light times the albedo of the surface. Where rays over the
    hemisphere see a glow, shaders leave this light out (sbl_glowing in store.glsl). */
@@ -15096,114 +15104,40 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Rays from samples of all surfaces find the positions that surfaces see, and these
-   become points. Each leaf gets up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
-   become points of other leaves, until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the
-   store has too many leaves, or too few, the work begins again with cells of another size. If it has too few, small
-   triangles get samples, too.
+   Fills the store of bounced light. This room declares the data and the stages of this work. The rooms from >>cast to
+   >>storing do the work. Of all their functions, later rooms call only sbl__bounce_step, sbl__bounce_progress and
+   sbl__bounce_end.
+
+   Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
+   SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
+   until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the store has too many leaves, or
+   too few, the work begins again with cells of another size. If it has too few, small triangles get samples, too.
 
    Ray r of leaf i hits leaf j, which reflects the fraction a of its light, so that R_i = L_i + mean over r of a * R_j,
    where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
    are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
-   random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
-   gathered there. A second part of the uncertainty is the variation of the light within near cells.
+   The stages, see SBL__BOUNCE_STAGES, and the rooms of their functions; braces mark what is repeated until nothing is
+   new:
 
-   Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
-   object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
-   a flat surface cuts all cells along its contact line.
+       >>cells, >>contacts PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
+       >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
+       >>division          SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
+       >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
+       >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
+       >>storing           LAMPS -> SEND -> AIR */
 
-   The stages, see SBL__BOUNCE_STAGES; braces mark what is repeated until nothing is new:
-
-       cells and points   PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
-       light of lamps     RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT
-       all bounces        { GATHER }
-       division           SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
-       light groups       LAYERS -> { LAYERS_GATHER }
-       glows              SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
-       uncertainty        NOISE -> { PROPAGATE } -> UNCERTAINTY -> LAYERS_SCALE
-       the end            LAMPS -> SEND -> AIR */
-
-/* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
-#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
-#define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
-                                      by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
-#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
-#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
-#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
-                                      the size of cells is found */
-#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
-                                                                              least reflecting / area if that is less.
-                                                                              Cells of the widest level are then as long
-                                                                              as level-0 cells with growth 1 */
-#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
-#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
-                                      cells shrink even if the last shrinking did not double the number of leaves that
-                                      rays hit */
-#define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
-                                      which no leaf is left stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* surfaces that are not black get, on average, at least this many positions of
-                                          surface samples per area of a cell of the level sbl__store.unseen_level */
-#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
-                                         get cells of the widest level, otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
-                                             that are too small to get a surface sample by area get one, too */
 #define SBL__BOUNCE_SAMPLE_RAYS 4  /* number of rays of a surface sample */
 #define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
-#define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
-                                      the length of a level-0 cell add points; shorter rays, as inside a lamp's
-                                      bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
 #define SBL__BOUNCE_AHEAD 16       /* a loop prefetches what it will read this many iterations later; a power of two */
-#define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
                                       sbl__store.max_leaves */
 #define SBL__BOUNCE_GROUP_BYTES 136.0  /* additional bytes per cell for each light group */
-#define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>bounce: division */
-#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
-#define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
-#define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
-#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
-                                      a larger relative standard error */
-#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
-                                      albedo * (standard deviation of the light in its region) / (root mean square of
-                                      all light) */
-#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
-#define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
-#define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
-#define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
-#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
+#define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>division */
 #define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
-#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
-                                      both belong to one patch, which is smooth */
-#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
-#define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
-#define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
-#define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
-                                      is multiplied by one factor per channel, which speeds up convergence */
-#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
-                                      this fraction of all light, or less */
-#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
-                                      sbl__bounce_after_noise */
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
-                                         low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
-                                      multiplied by SBL__UNCERTAINTY_STRATA; the noise is too high where few rays all
-                                      hit one leaf */
-#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
-                                           errors of stored light in the rooms of examples/MEASUREMENTS.md */
 #define SBL__BOUNCE_TIME 0.35f     /* filling the store takes about this fraction of the time of readings, vertices and
                                       probes; >>map predicts the fraction for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
@@ -15211,16 +15145,6 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       measured at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine positions */
 #define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
-#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
-#define SBL__CAST_ROWS 64
-#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
-
-/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
-   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
-#define SBL__CAST(X) \
-    X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
-    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
-SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
@@ -15269,7 +15193,7 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
     int points;        /* number of points */
-    int most;          /* maximum number of points, see >>bounce: division */
+    int most;          /* maximum number of points, see >>division */
     int first;         /* index of the first point, which the others follow once points are sorted */
     int valid;         /* number of points with valid readings */
     int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf
@@ -15404,7 +15328,20 @@ typedef struct sbl__bounce {
     sbl__job job;
 } sbl__bounce;
 
-/* >>bounce: casting of rays on the GPU */
+/* ======================================================================================================== >>cast
+   Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
+   that the rays of points find by way of metal (sbl__bounce_point.shine). */
+
+#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
+#define SBL__CAST_ROWS 64
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
+
+/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
+   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
+#define SBL__CAST(X) \
+    X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
+    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
+SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
@@ -15635,7 +15572,45 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* >>bounce: hits that may become points */
+/* ======================================================================================================== >>cells
+   Makes the cells and leaves of the store, and the points of leaves: samples all surfaces, makes the rays of samples
+   and points, turns hits into points, and finds a size of cells that fills the store well. This room changes the cells
+   and leaves of the store, but not their light. */
+
+/* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
+#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
+#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
+                                      by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
+#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
+#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
+#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
+#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
+                                      the size of cells is found */
+#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
+                                                                              least reflecting / area if that is less.
+                                                                              Cells of the widest level are then as long
+                                                                              as level-0 cells with growth 1 */
+#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
+#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
+                                      cells shrink even if the last shrinking did not double the number of leaves that
+                                      rays hit */
+#define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
+                                      which no leaf is left stay dark */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* surfaces that are not black get, on average, at least this many positions of
+                                          surface samples per area of a cell of the level sbl__store.unseen_level */
+#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
+                                         get cells of the widest level, otherwise of the level below it */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
+                                             that are too small to get a surface sample by area get one, too */
+#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
+                                      the length of a level-0 cell add points; shorter rays, as inside a lamp's
+                                      bowl-shaped shade, hit mainly the brightest part of the leaf */
+#define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 
 /* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side, and with
    SBL__PATCH_NEAR if a near ray found the hit. */
@@ -16012,7 +15987,83 @@ static int sbl__bounce_after_place(void *work) {
     return sbl__bounce_queue(b, b->samples.list, b->samples.count);
 }
 
-/* >>bounce: contact rays and contact lines */
+/* >>cells: rays */
+
+/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
+   the direction, scrambled with a hash of `seed` */
+static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+    const float *normal = b->origin.normal;
+    int k;
+    if (b->origin.side != at->side) {
+        b->origin.side = at->side;
+        b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
+    }
+    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
+                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
+    for (k = 0; k < 3; k++) {
+        out->direction[k] = normal[k];
+        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
+    }
+    out->limit = -SBL__UNBOUNDED;
+}
+
+static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                            out);
+}
+
+/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
+   or to SBL__UNSEEN. */
+static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
+    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    int i;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < rays; i++) {
+        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
+        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
+        if (b->hits.list[i].side == SBL__NOWHERE) continue;
+        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
+    }
+    sbl__bounce_queue(b, b->hits.list, rays);
+    return SBL_SUCCESS;
+}
+
+static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
+    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
+    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
+}
+
+static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+}
+
+static int sbl__bounce_after_rays(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int first = b->points_cast * SBL__BOUNCE_RAYS;
+    b->points_cast = b->point_count;
+    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
+}
+
+/* ======================================================================================================== >>contacts
+   Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
+   object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
+   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
+   a flat surface cuts all cells along its contact line. This room adds cuts to the store, and changes nothing else
+   there. */
+
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
+                                      both belong to one patch, which is smooth */
+#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
+#define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
+#define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 
 static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
@@ -16243,72 +16294,21 @@ static int sbl__bounce_after_cuts(void *work) {
     return sbl__bounce_queue(b, b->released.list, b->released.count);
 }
 
-/* >>bounce: rays */
+/* ======================================================================================================== >>solution
+   Computes the light of all leaves: sorts the points by leaf, measures the light of lamps at the points, solves the
+   equations of >>bounce, and does so again for each light group. This room sorts points and sets the light of leaves;
+   it does not cut cells. */
 
-/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
-   the direction, scrambled with a hash of `seed` */
-static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    const float *normal = b->origin.normal;
-    int k;
-    if (b->origin.side != at->side) {
-        b->origin.side = at->side;
-        b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
-    }
-    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
-                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
-    for (k = 0; k < 3; k++) {
-        out->direction[k] = normal[k];
-        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
-    }
-    out->limit = -SBL__UNBOUNDED;
-}
+#define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
+#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
+#define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
+#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
+                                      is multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
+                                      this fraction of all light, or less */
 
-static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
-    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
-                            out);
-}
-
-/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
-   or to SBL__UNSEEN. */
-static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
-    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
-    int i;
-    if (result != SBL_SUCCESS) return result;
-    for (i = 0; i < rays; i++) {
-        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
-        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
-        if (b->hits.list[i].side == SBL__NOWHERE) continue;
-        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
-    }
-    sbl__bounce_queue(b, b->hits.list, rays);
-    return SBL_SUCCESS;
-}
-
-static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
-    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
-}
-
-static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
-}
-
-static int sbl__bounce_after_rays(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    const int first = b->points_cast * SBL__BOUNCE_RAYS;
-    b->points_cast = b->point_count;
-    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
-}
-
-/* >>bounce: points in order */
+/* >>solution: points in order */
 
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
@@ -16372,7 +16372,7 @@ static int sbl__bounce_after_link(void *work) {
     return SBL__BOUNCE_SITES;
 }
 
-/* >>bounce: light from lamps */
+/* >>solution: light from lamps */
 
 /* Frees the sites and readings of b->job, their layers, and b->reads, which the current iteration has made. */
 static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
@@ -16516,7 +16516,7 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* >>bounce: all bounces at once */
+/* >>solution: all bounces at once */
 
 /* Returns the weight of a point in sums: 1, or SBL__BOUNCE_POINTS / (number of points of its leaf) if that is less. */
 static double sbl__point_weight(const sbl__bounce *b, int point) {
@@ -16727,7 +16727,7 @@ static int sbl__bounce_after_gather(void *work) {
     return sbl__bounce_next(b, 1);
 }
 
-/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
+/* >>solution: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
    light that each light group causes, with as many rounds, and again once glows are measured. */
 
 static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
@@ -16835,11 +16835,26 @@ static int sbl__bounce_grouped_leaves(void *work) {
     return b->core->scene.light_groups ? b->store->leaf_count : 0;
 }
 
-/* >>bounce: division. Light varies most near lamps, and many rays read some leaves while few read others. Once the
-   light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf that very
-   many rays read gets further points, because its error makes the whole scene too bright or too dark. This decision
-   uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by
-   chance would be divided and become darker, and leaves that are dark by chance would stay as they are. */
+/* ======================================================================================================== >>division
+   Light varies most near lamps, and many rays read some leaves while few read others. Once the light is known, the
+   leaves that contribute most to the error are divided, and both parts get points. A leaf that very many rays read gets
+   further points, because its error makes the whole scene too bright or too dark. This decision uses the variance of
+   all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by chance would be
+   divided and become darker, and leaves that are dark by chance would stay as they are. This room adds cuts, and raises
+   the maximum number of points of leaves; the stages from RELOCATE on do the rest. */
+
+#define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
+#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
+#define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
+#define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
+#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
+                                      a larger relative standard error */
+#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
+                                      albedo * (standard deviation of the light in its region) / (root mean square of
+                                      all light) */
+#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
+#define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
+#define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 
 /* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. */
 typedef struct sbl__spread {
@@ -17040,7 +17055,9 @@ static int sbl__bounce_after_sort(void *work) {
     return sbl__bounce_queue_again(b);
 }
 
-/* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
+/* ======================================================================================================== >>bright
+   Chooses bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. This room makes the
+   list of bright cells of the store. */
 
 #define SBL__BRIGHT_LEAST 6.0      /* smallest radiance of bright leaves, in multiples of the mean radiance of all
                                       rays */
@@ -17242,20 +17259,21 @@ static int sbl__bounce_after_glow(void *work) {
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
-static int sbl__bounce_after_uncertainty(void *work) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
-    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
-    return SBL__BOUNCE_LAYERS_SCALE;
-}
+/* ====================================================================================================== >>uncertainty
+   The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
+   random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
+   gathered there. A second part of the uncertainty is the variation of the light within near cells. While this room
+   works, leaves hold noise in place of their light. In the end they have their light again, and their uncertainty. */
 
-/* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
-static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
-    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
-}
-
-/* >>bounce: uncertainty */
+#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
+                                      sbl__bounce_after_noise */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
+                                         low discrepancy, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
+                                      multiplied by SBL__UNCERTAINTY_STRATA; the noise is too high where few rays all
+                                      hit one leaf */
+#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
+                                           errors of stored light in the rooms of examples/MEASUREMENTS.md */
 
 /* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
    its standard error with a random sign per channel. The error is estimated from the differences between its valid
@@ -17358,6 +17376,23 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
+static int sbl__bounce_after_uncertainty(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_LAYERS_SCALE;
+}
+
+/* ======================================================================================================== >>storing
+   Ends the work: makes the lamps that sensors need, sends the store to the GPU, and measures light in the air. This
+   room also begins, steps and frees the work. */
+
+/* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
+static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
+}
+
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl_result result = sbl__bounce_make_sites(b, SBL__AIR_SITES);
@@ -17367,7 +17402,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
          : sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
 }
 
-/* >>bounce: light in the air, for objects that the host draws */
+/* >>storing: light in the air, for objects that the host draws */
 
 /* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way between
    the centre and each corner, and returns the stage AIR. Otherwise returns DONE. */
@@ -17404,7 +17439,7 @@ static int sbl__bounce_after_air(void *work) {
     return SBL__BOUNCE_DONE;
 }
 
-/* >>bounce: beginning, stepping and freeing */
+/* >>storing: beginning, stepping and freeing */
 
 /* Frees and clears the fields from `patching` on. Keeps points, states and hits for later changes of lights. */
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
