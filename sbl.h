@@ -2022,7 +2022,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>uncertainty  the standard error of the light of leaves
                   >>storing      sends the store to the GPU; begins and steps the work that fills it
                   >>saved        writes the store to a stream and reads it
-   a picture      >>refine       chooses the pixels that get sensors, interpolates, predicts the error
+   a picture      >>refine       the data and the stages of the work that places sensors
+                  >>interpolate  light between sensors, and its error
+                  >>tiles        tiles, and the sites of the sensors at their corners
+                  >>places       hidden texels, and the positions from which their sensors look
+                  >>scouts       makes guides from rays of scouts
+                  >>weigh        predicts errors; buys splits of tiles, and looks of sensors
+                  >>rounds       runs the rounds of a refinement
+                  >>fill         light at all pixels, layer by layer
                   >>filter       smooths R
                   >>resolve      composition and anti-aliasing
                   >>gutters      continues the light of charts into the texels around them
@@ -2051,24 +2058,24 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    runs the tests of one room by name, for example scripts/test lights.
 
    a shadow of a lamp is wrong or noisy                       >>aim (lamps.glsl), then >>lamps
-   a shadow is missing, or its edge is coarse                 >>refine: no sensor was placed there
+   a shadow is missing, or its edge is coarse                 >>weigh: no sensor was placed there
    light leaks through a wall: from lamps or sky              >>trace, >>bvh
    light leaks through or under a wall: bounced light         >>store, >>cells, >>contacts
    bounced light is patchy, too bright or too dark            >>cells, >>solution, >>division
    bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bright
    dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
    facets, or wrong normals                                   >>surface (facet_limit), >>geometry
-   light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
+   light is blurred across an edge                            >>filter, >>refine (belongs.glsl), >>interpolate
    edges of objects are jagged                                >>resolve
    wrong colours or texture coordinates                       >>textures, >>geometry
    a wrong sky                                                >>environment
    a highlight, a mirror or a pane is wrong                   >>reflections, >>surface (points), >>material
    a lightmap has visible seams, or dark borders              >>seams, >>gutters
-   a lightmap shows wrong charts, or hidden texels            >>atlas, >>refine
+   a lightmap shows wrong charts, or hidden texels            >>atlas, >>places
    light at vertices, or of probes, is wrong                  >>vertices, >>probes
    pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
-   the predicted error is wrong                               >>refine; the error of stored light: >>uncertainty
-   the target error is missed or takes too long               >>refine (rounds), >>guide
+   the predicted error is wrong                               >>weigh, >>fill; the error of stored light: >>uncertainty
+   the target error is missed or takes too long               >>weigh, >>rounds, >>guide
    a slow picture: see sbl_stats.seconds                      the room of the largest number
    one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
@@ -2116,7 +2123,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    batch        sbl__batch        >>batch               looks that are measured together
    slot                                                 the place of a look of a batch in the textures of its results
    layer                                                layer 0 of light is R, others are harmonics or light groups
-   guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
+   guide        sbl__guide        >>guide >>scouts >>tiles  a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
    spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
@@ -11530,7 +11537,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 /* ======================================================================================================== >>guide
    Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
    a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
-   >>refine traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
+   >>scouts traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
    A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
    found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
    distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
@@ -17837,8 +17844,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Adaptive placement of sensors (section III-G). This room chooses the positions of sensors and the number of looks of
-   each, interpolates their light to the other pixels, and predicts the remaining error.
+   Adaptive placement of sensors (section III-G). The rooms from here to >>fill choose the positions of sensors and the
+   number of looks of each, interpolate their light to the other pixels, and predict the remaining error. This room
+   declares the data and the stages; its functions are about single pixels and sensors.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
    sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
@@ -17866,9 +17874,10 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        places    in lightmaps, after TAKE, for hidden centres of texels: COLLECT_PLACES -> SEARCH -> TAKE_PLACES ->
                  COLLECT
 
-   Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
-   mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; only
-   >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
+   COLLECT and SPEND change tiles and the looks of sensors (>>tiles, >>weigh); TAKE changes the light of sensors
+   (>>rounds). Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the
+   picture's mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms mostly call functions
+   of >>rounds and >>fill; only >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
@@ -17911,99 +17920,36 @@ typedef struct sbl__pixel_lobe {
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
 
-/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
-   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
-   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
-   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
-#define SBL__HIDDEN_SHARE 0.9f
-#define SBL__HIDDEN_NEAR 0.45f
-#define SBL__HIDDEN_TOUCH 0.15f
-#define SBL__HIDDEN_DARK 0.001
-#define SBL__HIDDEN_ALL 0.98f
-#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
-/* Search for the places of a refused texel: the positions in it from which light can leave. */
-#define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
-#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
-#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
-#define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
 
-/* Interpolation. Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
-   of interpolation along the edge: times SBL__STEP_ERROR for light with a step, or times SBL__CURVE_ERROR for light
-   that is a parabola, which sbl__edge_parabola corrects. Both factors were measured on shadows of lamps, with tiles of
-   2 to 16 pixels. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
-#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for
-                                           SBL__COVERAGE, too */
-#define SBL__STEP_ERROR 0.29f
-#define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
-                                           difference) of the light that it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
-                                           R and the mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
-                                           shadow */
-#define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
-                                           other sensor stands across the chart: light changes much across narrow
-                                           charts, which are reveals, frames and mouldings. In a room that was measured,
-                                           R differs from one side to the other by more than 0.17 of its mean in half of
-                                           the charts that are two texels wide, and by more than 0.92 in a tenth */
-#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
-                                           between neighbouring sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
-                                           estimate explains all of a pixel's error */
-#define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
-                                           their noise looks like an error of interpolation */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
-                                           can remove that noise instead */
-/* Noise of sensors. */
-#define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
-#define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* sbl__differ adds this * the variance of the difference to the squared
-                                           threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* (gain per look of growing from 2n to 4n looks) / (gain per
                                                           look of growing from n to 2n looks) */
-#define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
 #define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
 #define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
-#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
-                                           through the hierarchy */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
-/* A round buys splits of tiles, and looks of sensors. */
-#define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
-#define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
-                                           readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
-                                           splits can remove. Without this limit, a few pixels that cannot improve would
-                                           force all others to the best possible quality */
-#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
-                                           however large the uncertainty of stored light is */
-#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
-                                           of stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
-                                           uncertainty of stored light may be predicted too large */
-#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
-                                           them */
-#define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ multiplies the threshold by (the light + this * the picture's
-                                           luminance) */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
-#define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
-                                           bought, until it is the price */
-/* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
-   SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
-#define SBL__TILE_ERROR_MAX 5.0f
-#define SBL__TILE_ERROR_FLOOR 0.1f
+
+#define SBL__REFINE_STAGES(X) \
+    X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
+    X(SBL__REFINE_COLLECT, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
+    X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
+    X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
+    X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
+    X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
+    X(SBL__REFINE_COLLECT_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SCOUT, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_SCOUTS, sbl__scouts_take, NULL, NULL, sbl__refine_after_take) \
+    X(SBL__REFINE_GUIDES, sbl__guides_send, NULL, NULL, sbl__refine_after_guides) \
+    X(SBL__REFINE_COLLECT_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SEARCH, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
+enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
 /* two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
 typedef struct sbl__range { int x[2], y[2]; } sbl__range;
@@ -18085,7 +18031,7 @@ typedef struct sbl__refine {
     int *searched;            /* indices of the texels that this round searches for places */
     int searched_count, searched_room;
     sbl__site *places;        /* the places of all texels that have some: positions from which a texel's sensor looks
-                                 instead of from its hidden centre, see >>refine: places */
+                                 instead of from its hidden centre, see >>places */
     int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
@@ -18263,7 +18209,42 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
     return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
 }
 
-/* >>refine: interpolation */
+/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
+static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->sensed && !s->level;
+}
+
+/* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
+static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
+    const float *stored = sbl__pixel_stored(r, p);
+    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
+    return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
+}
+
+/* ======================================================================================================= >>interpolate
+   Interpolates light from the corners of a tile, and estimates the error of this interpolation. This room changes no
+   light; it only reads pixels and sensors. */
+
+/* Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
+   of interpolation along the edge: times SBL__STEP_ERROR for light with a step, or times SBL__CURVE_ERROR for light
+   that is a parabola, which sbl__edge_parabola corrects. Both factors were measured on shadows of lamps, with tiles of
+   2 to 16 pixels. */
+#define SBL__STEP_ERROR 0.29f
+#define SBL__CURVE_ERROR 0.1f
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
+                                           difference) of the light that it continues */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
+                                           R and the mean R */
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
+                                           shadow */
+#define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
+                                           other sensor stands across the chart: light changes much across narrow
+                                           charts, which are reveals, frames and mouldings. In a room that was measured,
+                                           R differs from one side to the other by more than 0.17 of its mean in half of
+                                           the charts that are two texels wide, and by more than 0.92 in a tenth */
+#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
+                                           between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
 static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
@@ -18423,7 +18404,7 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
     }
 }
 
-/* >>refine: the error of interpolation */
+/* >>interpolate: its error */
 
 /* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences at
    its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
@@ -18547,7 +18528,18 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
 }
 
-/* >>refine: tiles */
+/* ======================================================================================================== >>tiles
+   Makes and splits tiles, and lists the sites of the sensors at their corners. A site gets the guide that suits its
+   pixel. */
+
+#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
+#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for
+                                           SBL__COVERAGE, too */
+#define SBL__NOISE_WEIGHT 4             /* sbl__differ adds this * the variance of the difference to the squared
+                                           threshold */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ multiplies the threshold by (the light + this * the picture's
+                                           luminance) */
+#define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
 
 /* Summary of the sensors at a tile's corners */
 typedef struct sbl__corners {
@@ -18707,7 +18699,7 @@ static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* >>refine: guides for sensors' rays, see >>guide */
+/* >>tiles: guides for sensors' rays, see >>guide */
 
 /* Gets the position of a guide in the working grid, or outside it. */
 static void sbl__guide_at(const sbl__refine *r, int column, int row, int at[2]) {
@@ -18757,7 +18749,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     return best;
 }
 
-/* >>refine: rounds, from the list of sites to the taken readings */
+/* >>tiles: sites */
 
 /* Adds the first-level tiles, which cover the whole picture, row by row. */
 static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
@@ -18867,6 +18859,32 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
+/* ======================================================================================================== >>places
+   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden and whose light is not
+   shown. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from which
+   light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor then
+   looks from some of the open positions, its places, and the texel gets about the median of their light
+   (sbl__places_mean). */
+
+/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
+   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
+   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
+   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
+   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
+#define SBL__HIDDEN_SHARE 0.9f
+#define SBL__HIDDEN_NEAR 0.45f
+#define SBL__HIDDEN_TOUCH 0.15f
+#define SBL__HIDDEN_DARK 0.001
+#define SBL__HIDDEN_ALL 0.98f
+#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
+/* Search for the places of a refused texel: the positions in it from which light can leave. */
+#define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
+#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
+#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
+#define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
+
+/* >>places: texels that are not shown */
+
 /* Returns 1 if a sensor seems to be inside a solid: it is dark and sees mostly back faces, unlike most lit sensors.
    Without bounced light, many visible texels are dark, too; therefore the sensor must then see nothing but back
    faces. */
@@ -18895,19 +18913,6 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
-static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
-    const sbl__sensor *s = sbl__sensor_of(r, p);
-    return s->sensed && !s->level;
-}
-
-/* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
-static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
-    const float *stored = sbl__pixel_stored(r, p);
-    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
-    return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
-}
-
 /* Removes the uncertainty of a hidden texel from the sum, because the texel will show its neighbours' light. */
 static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     const float uncertainty = sbl__stored_uncertainty(r, p);
@@ -18923,7 +18928,7 @@ static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__refine_hide(r, p);
 }
 
-/* Makes a pixel invalid, unless it has places (>>refine: places). In traced lightmaps, the texel is then searched for
+/* Makes a pixel invalid, unless it has places (>>places). In traced lightmaps, the texel is then searched for
    places. */
 static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
@@ -18959,178 +18964,7 @@ static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_read
     return result;
 }
 
-/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
-   light. */
-static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
-                                  size_t floats, float *sum) {
-    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
-    size_t i;
-    int lit = 0;
-    for (i = 0; i < floats && leaf; i++) {
-        const float light = s->layers[floats * (leaf - 1) + i];
-        sum[i] += light;
-        lit |= light > 0;
-    }
-    return lit;
-}
-
-/* Computes the light groups of a texel that shows stored light, as sbl_stored_smooth in gbuffer_fragment.glsl computes
-   its R. */
-static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p, float *out) {
-    const sbl__store *s = &r->core->scene.store;
-    const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
-    const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
-    const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
-                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* as sbl_frame in frame.glsl */
-    double normal[3], facing = 0;
-    size_t i;
-    int k, point, lit = 0;
-    sbl__scene_normal(r->atlas->geometry, triangle, normal);
-    for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
-    for (i = 0; i < r->harmonics; i++) out[i] = 0;
-    for (point = 0; point < 25; point++) {
-        float place[3];
-        for (k = 0; k < 3; k++)
-            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
-                                                             (float)(point / 5 - 2) * axes[1][k]);
-        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->harmonics, out);
-    }
-    for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
-}
-
-/* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
-   light that comes evenly from the pixel's whole hemisphere. */
-static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
-    static const int axes[3] = { 1, 2, 0 };
-    size_t i;
-    if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
-    for (i = 0; i < r->harmonics && !r->spec->groups; i++)
-        out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
-                 (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
-}
-
-/* Returns how many of the readings first .. last are darker than reading i, or equally bright and before it. */
-static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
-    const float light = sbl__luminance(r->readings[i].radiance);
-    int k, rank = 0;
-    for (k = first; k <= last; k++) {
-        const float other = sbl__luminance(r->readings[k].radiance);
-        rank += other < light || (k < i && !(light < other));
-    }
-    return rank;
-}
-
-/* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
-   quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
-   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
-static int sbl__places_mean(sbl__refine *r, int at) {
-    const int pixel = r->sites[at].pixel;
-    float *layers = r->reading_layers;
-    sbl_reading mean;
-    double squares = 0, noise2 = 0, light;
-    int first = at, count, aside, kept, i;
-    size_t k;
-    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
-    while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
-    count = at - first + 1;
-    aside = 3 * count / 8;
-    kept = count - 2 * aside;
-    mean = r->readings[at];
-    memset(mean.radiance, 0, sizeof mean.radiance);
-    for (i = first; i <= at; i++) {
-        const sbl_reading *own = &r->readings[i];
-        const int rank = sbl__places_rank(r, first, at, i);
-        if (rank < aside || rank >= count - aside) continue;
-        for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
-        squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
-        noise2 += (double)own->noise * own->noise / kept;
-    }
-    for (k = 0; k < r->harmonics && count > 1; k++) {
-        double sum = 0;
-        for (i = first; i <= at; i++) {
-            const int rank = sbl__places_rank(r, first, at, i);
-            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->harmonics + k];
-        }
-        layers[(size_t)at * r->harmonics + k] = (float)(sum / kept);
-    }
-    light = (double)sbl__luminance(mean.radiance);
-    mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
-    r->readings[at] = mean;
-    return count;
-}
-
-static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
-
-/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
-   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
-static sbl_result sbl__refine_take(void *work, int at) {
-    sbl__refine *r = (sbl__refine *)work;
-    const sbl_reading *reading = &r->readings[at];
-    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
-    const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
-    sbl_stats *stats = &r->core->stats;
-    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
-    const float share = (float)looks / (float)(s->looks + looks);
-    const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
-    float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
-    const float *found = r->reading_layers + r->harmonics * (size_t)at;
-    size_t i;
-    if (!looks) return SBL_SUCCESS;
-    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
-    for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
-    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
-    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
-    s->looks += looks;
-    s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
-    r->looks_taken += looks;
-    s->queued = 0;
-    s->round = (short)r->rounds;
-    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
-    r->pixels_summed += no_mean && !s->places;
-    if (s->sensed || s->places) {
-        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
-        s->sensed = 1;
-        return SBL_SUCCESS;
-    }
-    s->sensed = 1;
-    if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
-    if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
-    stats->sensors.sites++;
-    return sbl__refine_validate(r, r->sites[at].pixel, reading);
-}
-
-/* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
-static void sbl__refine_update_spec(sbl__refine *r) {
-    const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
-    const int groups = r->spec->groups;
-    sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
-    r->spec->directional = directional;
-    r->spec->groups = groups;
-    r->spec->guided = guided;
-    r->spec->lobe = lobe;
-}
-
-/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
-static void sbl__refine_restart(sbl__refine *r) {
-    int i, corner;
-    for (i = 0; i < r->tile_count; i++)
-        for (corner = 0; corner < 4; corner++) {
-            sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
-            if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
-            s->looks = 0;
-            s->work = 0;
-            s->wanted = sbl__refine_first_looks(s, 1);
-        }
-    r->rounds = r->first_new = r->weighed = 0;
-    r->expected_looks = r->expected_sure = 0;
-    memset(r->sum, 0, sizeof r->sum);
-    r->pixels_summed = 0;
-}
-
-/* >>refine: places. If the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from
-   which light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor
-   then looks from some of the open positions, its places, and the texel gets about the median of their light
-   (sbl__places_mean). */
+/* >>places: the search */
 
 /* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, spread over the texel. Returns the number of
    rays, or 0 if no candidate lies on the chart. */
@@ -19204,7 +19038,59 @@ static sbl_result sbl__places_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: scouts, single rays from which guides are made */
+/* Returns how many of the readings first .. last are darker than reading i, or equally bright and before it. */
+static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
+    const float light = sbl__luminance(r->readings[i].radiance);
+    int k, rank = 0;
+    for (k = first; k <= last; k++) {
+        const float other = sbl__luminance(r->readings[k].radiance);
+        rank += other < light || (k < i && !(light < other));
+    }
+    return rank;
+}
+
+/* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
+   quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
+   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
+static int sbl__places_mean(sbl__refine *r, int at) {
+    const int pixel = r->sites[at].pixel;
+    float *layers = r->reading_layers;
+    sbl_reading mean;
+    double squares = 0, noise2 = 0, light;
+    int first = at, count, aside, kept, i;
+    size_t k;
+    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
+    while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
+    count = at - first + 1;
+    aside = 3 * count / 8;
+    kept = count - 2 * aside;
+    mean = r->readings[at];
+    memset(mean.radiance, 0, sizeof mean.radiance);
+    for (i = first; i <= at; i++) {
+        const sbl_reading *own = &r->readings[i];
+        const int rank = sbl__places_rank(r, first, at, i);
+        if (rank < aside || rank >= count - aside) continue;
+        for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
+        squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
+        noise2 += (double)own->noise * own->noise / kept;
+    }
+    for (k = 0; k < r->harmonics && count > 1; k++) {
+        double sum = 0;
+        for (i = first; i <= at; i++) {
+            const int rank = sbl__places_rank(r, first, at, i);
+            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->harmonics + k];
+        }
+        layers[(size_t)at * r->harmonics + k] = (float)(sum / kept);
+    }
+    light = (double)sbl__luminance(mean.radiance);
+    mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
+    r->readings[at] = mean;
+    return count;
+}
+
+/* ======================================================================================================== >>scouts
+   Scouts, which are single rays, find the directions from which light comes. Guides are made from what they find, see
+   >>guide. */
 
 /* Returns a seed other than the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
@@ -19313,7 +19199,40 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: weighing gain against cost */
+/* ======================================================================================================== >>weigh
+   Predicts the errors of tiles and of the picture. Weighs the gains of splits of tiles, and of more looks of sensors,
+   against their costs, and buys the best of them. */
+
+#define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
+                                           their noise looks like an error of interpolation */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
+                                           can remove that noise instead */
+#define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
+#define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
+#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
+                                           readings may change what is worth buying */
+#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
+                                           splits can remove. Without this limit, a few pixels that cannot improve would
+                                           force all others to the best possible quality */
+#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
+                                           however large the uncertainty of stored light is */
+#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
+                                           of stored light, since less would hardly reduce the sum of both */
+#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
+                                           uncertainty of stored light may be predicted too large */
+#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
+                                           them */
+#define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
+#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
+#define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
+                                           bought, until it is the price */
+/* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
+   SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
+#define SBL__TILE_ERROR_MAX 5.0f
+#define SBL__TILE_ERROR_FLOOR 0.1f
 
 static int sbl__worth_bin(float worth) {
     int exponent;
@@ -19579,25 +19498,82 @@ static sbl_result sbl__refine_spend(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: stages */
+/* ======================================================================================================== >>rounds
+   Runs the rounds of a refinement, from the list of sites to the taken readings, and serves the rooms below. */
 
-#define SBL__REFINE_STAGES(X) \
-    X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
-    X(SBL__REFINE_COLLECT, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
-    X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
-    X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
-    X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
-    X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
-    X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
-    X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
-    X(SBL__REFINE_COLLECT_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
-    X(SBL__REFINE_SCOUT, sbl__refine_sense, NULL, NULL, NULL) \
-    X(SBL__REFINE_TAKE_SCOUTS, sbl__scouts_take, NULL, NULL, sbl__refine_after_take) \
-    X(SBL__REFINE_GUIDES, sbl__guides_send, NULL, NULL, sbl__refine_after_guides) \
-    X(SBL__REFINE_COLLECT_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
-    X(SBL__REFINE_SEARCH, sbl__refine_sense, NULL, NULL, NULL) \
-    X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
-enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
+#define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
+#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
+                                           through the hierarchy */
+
+static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
+
+/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
+   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
+static sbl_result sbl__refine_take(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl_reading *reading = &r->readings[at];
+    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
+    const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
+    sbl_stats *stats = &r->core->stats;
+    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
+    const float share = (float)looks / (float)(s->looks + looks);
+    const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
+    float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
+    const float *found = r->reading_layers + r->harmonics * (size_t)at;
+    size_t i;
+    if (!looks) return SBL_SUCCESS;
+    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
+    for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
+    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
+    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
+    s->looks += looks;
+    s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
+    r->looks_taken += looks;
+    s->queued = 0;
+    s->round = (short)r->rounds;
+    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
+    r->pixels_summed += no_mean && !s->places;
+    if (s->sensed || s->places) {
+        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
+        s->sensed = 1;
+        return SBL_SUCCESS;
+    }
+    s->sensed = 1;
+    if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
+    if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
+    stats->sensors.sites++;
+    return sbl__refine_validate(r, r->sites[at].pixel, reading);
+}
+
+/* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
+static void sbl__refine_update_spec(sbl__refine *r) {
+    const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
+    const int groups = r->spec->groups;
+    sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
+    r->spec->directional = directional;
+    r->spec->groups = groups;
+    r->spec->guided = guided;
+    r->spec->lobe = lobe;
+}
+
+/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
+static void sbl__refine_restart(sbl__refine *r) {
+    int i, corner;
+    for (i = 0; i < r->tile_count; i++)
+        for (corner = 0; corner < 4; corner++) {
+            sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
+            if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
+            s->looks = 0;
+            s->work = 0;
+            s->wanted = sbl__refine_first_looks(s, 1);
+        }
+    r->rounds = r->first_new = r->weighed = 0;
+    r->expected_looks = r->expected_sure = 0;
+    memset(r->sum, 0, sizeof r->sum);
+    r->pixels_summed = 0;
+}
+
+/* >>rounds: stages */
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -19723,7 +19699,57 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
 
-/* >>refine: functions for later rooms */
+/* >>rounds: functions for later rooms */
+
+/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
+   light. */
+static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
+                                  size_t floats, float *sum) {
+    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
+    size_t i;
+    int lit = 0;
+    for (i = 0; i < floats && leaf; i++) {
+        const float light = s->layers[floats * (leaf - 1) + i];
+        sum[i] += light;
+        lit |= light > 0;
+    }
+    return lit;
+}
+
+/* Computes the light groups of a texel that shows stored light, as sbl_stored_smooth in gbuffer_fragment.glsl computes
+   its R. */
+static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p, float *out) {
+    const sbl__store *s = &r->core->scene.store;
+    const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
+    const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
+    const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
+                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* as sbl_frame in frame.glsl */
+    double normal[3], facing = 0;
+    size_t i;
+    int k, point, lit = 0;
+    sbl__scene_normal(r->atlas->geometry, triangle, normal);
+    for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
+    for (i = 0; i < r->harmonics; i++) out[i] = 0;
+    for (point = 0; point < 25; point++) {
+        float place[3];
+        for (k = 0; k < 3; k++)
+            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
+                                                             (float)(point / 5 - 2) * axes[1][k]);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->harmonics, out);
+    }
+    for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
+}
+
+/* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
+   light that comes evenly from the pixel's whole hemisphere. */
+static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
+    static const int axes[3] = { 1, 2, 0 };
+    size_t i;
+    if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
+    for (i = 0; i < r->harmonics && !r->spec->groups; i++)
+        out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
+                 (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
+}
 
 /* Sets the settings. All fields except those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
    filter */
@@ -19888,8 +19914,13 @@ static double sbl__refine_looks_expected(const sbl__refine *r) {
     return SBL__MAX(r->expected_looks, (double)r->looks_taken + r->look_count);
 }
 
-/* >>refine: filling in one layer of light. A fill keeps its own position, so it can run at any time during
-   refinement. */
+/* ======================================================================================================== >>fill
+   Fills in one layer of light: all pixels get light, by interpolation between sensors. A fill keeps its own position,
+   so it can run at any time during refinement. */
+
+#define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
+                                           estimate explains all of a pixel's error */
+#define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
 
 typedef struct sbl__fill {
     /* The caller sets `refine` and `layer`; all other fields begin as 0. */
