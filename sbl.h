@@ -7092,7 +7092,7 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
                                          fraction of its value at the outer cone */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: over 61 (curve bits) + log2(lamps at a
                                          point) */
 
 typedef struct sbl__lamp {
@@ -7116,13 +7116,13 @@ typedef struct sbl__plane {
     sbl__box bounds;
 } sbl__plane;
 
-typedef struct sbl__lamps {    /* data for building the lamp trees */
+typedef struct sbl__lamp_trees {  /* the lamp trees while they are built */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
-    struct sbl__lights *lights;
+    struct sbl__lamps *lamps;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
     sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
@@ -7135,13 +7135,12 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     int depth;                 /* number of clusters on the stack */
     sbl__plane planes[SBL__PLANES];
     int plane_count;
-} sbl__lamps;
+} sbl__lamp_trees;
 
-/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees, which
-   sbl__lamps builds */
-typedef struct sbl__lights {
-    sbl_light *list;           /* copy of the host's lights; positions are the host's */
-    int count;
+/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees */
+typedef struct sbl__lamps {
+    sbl_light *lights;         /* copy of the host's lights; positions are the host's */
+    int light_count;
     sbl__glow *glows;
     int glow_count;
     int only_glows;            /* 1: the trees hold only the glows; 0: they hold all lamps */
@@ -7156,10 +7155,10 @@ typedef struct sbl__lights {
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__mirrored mirrored[SBL__MIRRORED_MOST];
     int mirrored_count;
-    sbl__lamps *building;
-} sbl__lights;
+    sbl__lamp_trees *building; /* NULL: the trees are not being built */
+} sbl__lamps;
 
-static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
+static void sbl__lamp_trees_free(const sbl__device *d, sbl__lamp_trees *l) {
     if (!l) return;
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
@@ -7168,9 +7167,9 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
     sbl__free(d->base, l);
 }
 
-static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
-    sbl__lamps_free(d, l->building);
-    sbl__free(d->base, l->list);
+static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
+    sbl__lamp_trees_free(d, l->building);
+    sbl__free(d->base, l->lights);
     sbl__free(d->base, l->glows);
     sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
@@ -7178,25 +7177,25 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
 }
 
 /* Sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
-static void sbl__lights_measure(sbl__lights *l, float brightest, float extent) {
+static void sbl__lamps_measure(sbl__lamps *l, float brightest, float extent) {
     int i;
     l->unit = brightest;
-    for (i = 0; i < l->count; i++) {
-        double intensity = sbl__max3(l->list[i].intensity);
-        if (l->list[i].kind != SBL_LIGHT_DIRECTIONAL) intensity = intensity / extent / extent;
+    for (i = 0; i < l->light_count; i++) {
+        double intensity = sbl__max3(l->lights[i].intensity);
+        if (l->lights[i].kind != SBL_LIGHT_DIRECTIONAL) intensity = intensity / extent / extent;
         l->unit = SBL__MAX(l->unit, (float)SBL__MIN(intensity, SBL__POWER_MOST));
     }
     l->unit = SBL__MAX(l->unit, 1e-30f);
 }
 
-/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lights_measure */
-static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
-                                   float brightest, float extent) {
-    l->count = count;
-    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
-    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
-    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
-    sbl__lights_measure(l, brightest, extent);
+/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lamps_measure */
+static sbl_result sbl__lamps_make(sbl__base *base, sbl__lamps *l, const sbl_light *lights, int count,
+                                  float brightest, float extent) {
+    l->light_count = count;
+    l->lights = (sbl_light *)sbl__alloc(base, (size_t)l->light_count, sizeof(sbl_light));
+    if (!l->lights) return SBL_ERROR_OUT_OF_MEMORY;
+    if (l->light_count) memcpy(l->lights, lights, (size_t)l->light_count * sizeof(sbl_light));
+    sbl__lamps_measure(l, brightest, extent);
     return SBL_SUCCESS;
 }
 
@@ -7218,7 +7217,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
 }
 
 /* Makes the lamp of a triangle. Does nothing if its front emits no light. index: in the hierarchy's order */
-static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lamp) {
+static void sbl__lamp_of_triangle(const sbl__lamp_trees *l, int index, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[index];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
@@ -7265,8 +7264,8 @@ static void sbl__light_write(const sbl_light *light, const float centre[3], sbl_
     record->spot_offset = (float)(spot ? outer * scale : 1);
 }
 
-static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
-    const sbl_light *light = &l->lights->list[number];
+static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *lamp) {
+    const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
@@ -7316,21 +7315,21 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
 }
 
 /* Returns the number of candidates. Their order: glows and, unless only_glows is 1, triangles, lights, texels. */
-static int sbl__lamps_candidates(void *work) {
-    const sbl__lamps *l = (const sbl__lamps *)work;
+static int sbl__lamp_trees_candidates(void *work) {
+    const sbl__lamp_trees *l = (const sbl__lamp_trees *)work;
     const sbl__environment *e = l->environment;
-    const int others = l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
-    return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
+    const int others = l->hierarchy->triangle_count + l->lamps->light_count + (e->pixels ? e->width * e->height : 0);
+    return l->lamps->glow_count + (l->lamps->only_glows ? 0 : others);
 }
 
 /* Adds candidate `at` to the list of lamps, unless it emits no light or is a texel below the limit. */
-static sbl_result sbl__lamps_add(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
-    const int texel = light - l->lights->count;
+static sbl_result sbl__lamp_trees_add(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
+    const int triangle = at - l->lamps->glow_count, light = triangle - l->hierarchy->triangle_count;
+    const int texel = light - l->lamps->light_count;
     sbl__lamp lamp;
     memset(&lamp, 0, sizeof lamp);
-    if (triangle < 0) sbl__lamp_of_glow(&l->lights->glows[at], at, &lamp);
+    if (triangle < 0) sbl__lamp_of_glow(&l->lamps->glows[at], at, &lamp);
     else if (light < 0) sbl__lamp_of_triangle(l, triangle, &lamp);
     else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
@@ -7340,11 +7339,11 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-static int sbl__lamps_count(void *work) { return ((const sbl__lamps *)work)->count; }
+static int sbl__lamp_trees_count(void *work) { return ((const sbl__lamp_trees *)work)->count; }
 
 /* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may
    pass through it. */
-static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
+static uint32_t sbl__lamp_solid(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     const uint32_t at = lamp->code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (lamp->code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE) return SBL__NONE;
     return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
@@ -7369,8 +7368,8 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 /* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
    triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
    stand for a surface with two sides. */
-static sbl_result sbl__lamps_drop_copy(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
     const uint32_t number = sbl__lamp_solid(l, lamp);
     uint32_t bucket = 0, found;
@@ -7395,9 +7394,9 @@ static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Removes the lamps whose power is 0, see sbl__lamps_drop_copy. */
-static int sbl__lamps_compact(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
+/* Removes the lamps whose power is 0, see sbl__lamp_trees_drop_copy. */
+static int sbl__lamp_trees_compact(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     int i, kept = 0;
     for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
     l->count = kept;
@@ -7420,7 +7419,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
-static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
+static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
     for (k = 0; k < 3; k++) {
@@ -7433,8 +7432,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
 }
 
 /* Merges runs of l->width lamps, then runs twice as long, until one run remains. The sort is stable. */
-static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_sort(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
@@ -7454,7 +7453,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* Returns the index at which to split lamps low .. high: the first lamp in whose curve position the highest differing
    bit is set. Lamps with equal curve positions are split in the middle. */
-static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
+static int sbl__lamp_trees_split_index(const sbl__lamp_trees *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
     if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
@@ -7468,7 +7467,7 @@ static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
 
 /* Makes node `at` the root of the subtree over `count` lamps, from lamp `first` on. Returns the index of the node after
    the subtree. */
-static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
+static int sbl__lamp_trees_root(sbl__lamp_trees *l, int at, int first, int count) {
     if (!count) return at;
     l->nodes[at].first_leaf = (uint32_t)first;
     l->nodes[at].beyond = (uint32_t)(at + 2 * count - 1);
@@ -7476,23 +7475,24 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
 }
 
 /* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
-static int sbl__lamps_make_roots(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static int sbl__lamp_trees_make_roots(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     int near_count = 0;
     while (near_count < l->count && !l->list[near_count].distant) near_count++;
-    l->node_count = sbl__lamps_root(l, sbl__lamps_root(l, 0, 0, near_count), near_count, l->count - near_count);
+    l->node_count = sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, 0, 0, near_count), near_count,
+                                         l->count - near_count);
     return l->stages.stage + 1;
 }
 
-static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+static int sbl__lamp_trees_nodes(void *work) { return ((sbl__lamp_trees *)work)->node_count; }
 
 /* Makes the roots of a node's two subtrees, which follow the node in the array. */
-static sbl_result sbl__lamps_split(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_split(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
     if (end - first > 1) {
-        const int cut = sbl__lamps_split_index(l, first, end - 1);
-        sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
+        const int cut = sbl__lamp_trees_split_index(l, first, end - 1);
+        sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
 }
@@ -7544,8 +7544,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
    subtrees are on top of the stack, the left one uppermost. */
-static sbl_result sbl__lamps_sum(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_sum(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const int number = l->node_count - 1 - at;
     sbl__lamp_node *node = &l->nodes[number];
     const sbl__lamp *lamp = &l->list[node->first_leaf];
@@ -7560,8 +7560,8 @@ static sbl_result sbl__lamps_sum(void *work, int at) {
 
 /* >>lamps: stages */
 
-static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_place(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__base *base = l->device->base;
     int i, k;
     (void)slice;
@@ -7580,15 +7580,15 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
 }
 
 /* Returns the index of the light group of a lamp, or 0 if the lamp is a glow. code: see sbl__lamp_leaf */
-static uint32_t sbl__lamp_layer(const sbl__lamps *l, uint32_t code) {
+static uint32_t sbl__lamp_layer(const sbl__lamp_trees *l, uint32_t code) {
     const uint32_t kind = code >> SBL__LAMP_KIND_SHIFT, at = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (kind == SBL__LAMP_TRIANGLE) return sbl__triangle_object(l->geometry, l->hierarchy->order[at])->layer;
     if (kind == SBL__LAMP_SKY_TEXEL) return (uint32_t)l->environment->layer;
-    return kind == SBL__LAMP_GLOW ? 0 : (uint32_t)l->lights->list[at].light_group;
+    return kind == SBL__LAMP_GLOW ? 0 : (uint32_t)l->lamps->lights[at].light_group;
 }
 
 /* Writes, for each glow and light group, the fraction of the glow's light that the group causes, as 4 floats. */
-static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
+static void sbl__lamps_write_shares(const sbl__lamps *l, float *out) {
     int i, g, k;
     for (i = 0; i < l->glow_count; i++, out += 4 * l->groups) {
         const float *light = l->leaf_layers + 3 * (size_t)l->groups * (size_t)l->glows[i].leaf;
@@ -7605,8 +7605,8 @@ static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
    light. */
 
 static int sbl__planes_candidates(void *work) {
-    const sbl__lamps *l = (const sbl__lamps *)work;
-    return l->lights->only_glows ? 0 : l->geometry->triangle_count;
+    const sbl__lamp_trees *l = (const sbl__lamp_trees *)work;
+    return l->lamps->only_glows ? 0 : l->geometry->triangle_count;
 }
 
 /* Makes the plane of a triangle. Returns 0 if rays that hit the triangle do not follow a narrow lobe. Textures are
@@ -7642,7 +7642,7 @@ static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl
    triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation of Frequent
    and Top-k Elements in Data Streams"). */
 static sbl_result sbl__planes_add(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__plane plane, *p = l->planes;
     int i;
     if (!sbl__plane_of_triangle(l->geometry, (uint32_t)at, &plane)) return SBL_SUCCESS;
@@ -7662,33 +7662,35 @@ static sbl_result sbl__planes_add(void *work, int at) {
 }
 
 /* Returns the index of the first node after the subtree of node `at`. */
-static int sbl__lamps_beyond(const sbl__lamps *l, int at) { return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE); }
+static int sbl__lamp_trees_beyond(const sbl__lamp_trees *l, int at) {
+    return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE);
+}
 
 /* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
    power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
-static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
+static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
     int count = 0, i, best = 0;
-    for (i = 0; i < l->node_count; i = sbl__lamps_beyond(l, i)) nodes[count++] = i;
+    for (i = 0; i < l->node_count; i = sbl__lamp_trees_beyond(l, i)) nodes[count++] = i;
     while (count < SBL__MIRRORED_CLUSTERS && best >= 0) {
         float most = 0;
         best = -1;
         for (i = 0; i < count; i++) {
             const sbl__lamp_node *n = &l->nodes[nodes[i]];
-            const int is_leaf = sbl__lamps_beyond(l, nodes[i]) == nodes[i] + 1;
+            const int is_leaf = sbl__lamp_trees_beyond(l, nodes[i]) == nodes[i] + 1;
             if (is_leaf || n[1].radius > SBL__MIRRORED_SHRINKS * n->radius || n->power * n->radius <= most) continue;
             most = n->power * n->radius;
             best = i;
         }
         if (best < 0) break;
         nodes[best]++;
-        nodes[count++] = sbl__lamps_beyond(l, nodes[best]);
+        nodes[count++] = sbl__lamp_trees_beyond(l, nodes[best]);
     }
     return count;
 }
 
 /* Mirrors a cluster of lamps at a plane. Returns about how much light the mirror reflects; 0: the lamps lie in the
    plane. */
-static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, const sbl__lamp_node *n,
+static double sbl__mirrored_make(const sbl__lamp_trees *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
     const int distant = (n->beyond & SBL__FAR_NODE) != 0;
     const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
@@ -7713,81 +7715,81 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
 }
 
 /* Mirrors all clusters at all planes, and keeps those that reflect most light. */
-static int sbl__lamps_mirror(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    sbl__lights *lights = l->lights;
+static int sbl__lamp_trees_mirror(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
+    sbl__lamps *lamps = l->lamps;
     int nodes[SBL__MIRRORED_CLUSTERS], count = sbl__mirrored_clusters(l, nodes), i, j;
     double light[SBL__MIRRORED_MOST];
-    lights->mirrored_count = 0;
+    lamps->mirrored_count = 0;
     for (i = 0; i < l->plane_count * count; i++) {
         sbl__mirrored m;
         const double found = sbl__mirrored_make(l, &l->planes[i / count], &l->nodes[nodes[i % count]], &m);
         int least = 0;
         if (!(found > 0)) continue;
-        if (lights->mirrored_count < SBL__MIRRORED_MOST) {
-            least = lights->mirrored_count++;
+        if (lamps->mirrored_count < SBL__MIRRORED_MOST) {
+            least = lamps->mirrored_count++;
         } else {
             for (j = 1; j < SBL__MIRRORED_MOST; j++) if (light[j] < light[least]) least = j;
             if (light[least] >= found) continue;
         }
         light[least] = found;
-        lights->mirrored[least] = m;
+        lamps->mirrored[least] = m;
     }
     return l->stages.stage + 1;
 }
 
-static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const sbl__device *d = l->device;
-    sbl__lights *lights = l->lights;
+    sbl__lamps *lamps = l->lamps;
     const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
     const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
-    const size_t records = sizeof(sbl__light_record) * (size_t)lights->count;
-    const size_t glows = sizeof(sbl__glow) * (size_t)lights->glow_count;
-    const size_t layers = 16 * (size_t)lights->groups * (size_t)lights->glow_count;
-    const size_t mirrored = sizeof(sbl__mirrored) * (size_t)lights->mirrored_count;
+    const size_t records = sizeof(sbl__light_record) * (size_t)lamps->light_count;
+    const size_t glows = sizeof(sbl__glow) * (size_t)lamps->glow_count;
+    const size_t layers = 16 * (size_t)lamps->groups * (size_t)lamps->glow_count;
+    const size_t mirrored = sizeof(sbl__mirrored) * (size_t)lamps->mirrored_count;
     const size_t bytes = nodes + leaves + records + glows + layers + mirrored;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     double place[3];
     int i;
     (void)slice;
-    sbl__free(d->base, lights->codes);
-    lights->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->codes);
-    if (all && lights->codes) {
+    sbl__free(d->base, lamps->codes);
+    lamps->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lamps->codes);
+    if (all && lamps->codes) {
         sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
         sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
-        lights->nodes = l->node_count;
-        lights->leaves = l->count;
-        lights->mixed = l->count > SBL__LAMPS;
+        lamps->nodes = l->node_count;
+        lamps->leaves = l->count;
+        lamps->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
         for (i = 0; i < l->count; i++) {
-            leaf[i].code = lights->codes[i] = l->list[i].code;
+            leaf[i].code = lamps->codes[i] = l->list[i].code;
             leaf[i].layer = sbl__lamp_layer(l, l->list[i].code);
-            lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
+            lamps->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
-        for (i = 0; i < lights->count; i++)
-            sbl__light_write(&lights->list[i], l->geometry->centre, &record[i], place);
-        if (glows) memcpy(all + nodes + leaves + records, lights->glows, glows);
-        if (layers) sbl__lights_write_shares(lights, (float *)(void *)(all + bytes - mirrored - layers));
-        if (mirrored) memcpy(all + bytes - mirrored, lights->mirrored, mirrored);
-        result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
-        if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
-        if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
+        for (i = 0; i < lamps->light_count; i++)
+            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], place);
+        if (glows) memcpy(all + nodes + leaves + records, lamps->glows, glows);
+        if (layers) sbl__lamps_write_shares(lamps, (float *)(void *)(all + bytes - mirrored - layers));
+        if (mirrored) memcpy(all + bytes - mirrored, lamps->mirrored, mirrored);
+        result = sbl__buffer_make(d, &lamps->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
+        if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lamps->table, SBL__GL_RGBA32UI, l->geometry->wide);
+        if (l->geometry->wide) sbl__buffer_delete(d, &lamps->table.buffer);
     }
     sbl__free(d->base, all);
     return result;
 }
 
 /* Sets the inputs of lamp.glsl. */
-static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
+static void sbl__lamps_bind(sbl__device *d, const sbl__lamps *l) {
     const int leaf = (int)sizeof(sbl__lamp_node) / 16 * l->nodes;
-    const int layers = leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count +
+    const int layers = leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->light_count +
                        (int)sizeof(sbl__glow) / 16 * l->glow_count;
     sbl__bind_table(d, "sbl_lamps", &l->table);
     sbl__set_int(d, "sbl_first_leaf", leaf);
     sbl__set_int(d, "sbl_first_light", leaf + l->leaves);
-    sbl__set_int(d, "sbl_first_glow", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count);
+    sbl__set_int(d, "sbl_first_glow", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->light_count);
     sbl__set_int(d, "first_glow_layer", layers);
     sbl__set_int(d, "sbl_first_mirrored", layers + l->groups * l->glow_count);
     sbl__set_int(d, "mirrored_count", l->mirrored_count);
@@ -7798,34 +7800,34 @@ static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
 
 /* Collects the lamps and builds their trees, in slices. The hierarchy must be ready. After an error, a call
    restarts. */
-static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
-                                   const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
+static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
+                                  const sbl__environment *e, sbl__lamps *lamps, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, sbl__lamps_add, sbl__lamps_candidates, NULL },
-        { NULL, sbl__lamps_drop_copy, sbl__lamps_count, sbl__lamps_compact },
-        { sbl__lamps_place, NULL, NULL, NULL },
-        { sbl__lamps_sort, NULL, NULL, sbl__lamps_make_roots },
-        { NULL, sbl__lamps_split, sbl__lamps_nodes, NULL },
-        { NULL, sbl__lamps_sum, sbl__lamps_nodes, NULL },
-        { NULL, sbl__planes_add, sbl__planes_candidates, sbl__lamps_mirror },
-        { sbl__lamps_store, NULL, NULL, NULL }
+        { NULL, sbl__lamp_trees_add, sbl__lamp_trees_candidates, NULL },
+        { NULL, sbl__lamp_trees_drop_copy, sbl__lamp_trees_count, sbl__lamp_trees_compact },
+        { sbl__lamp_trees_place, NULL, NULL, NULL },
+        { sbl__lamp_trees_sort, NULL, NULL, sbl__lamp_trees_make_roots },
+        { NULL, sbl__lamp_trees_split, sbl__lamp_trees_nodes, NULL },
+        { NULL, sbl__lamp_trees_sum, sbl__lamp_trees_nodes, NULL },
+        { NULL, sbl__planes_add, sbl__planes_candidates, sbl__lamp_trees_mirror },
+        { sbl__lamp_trees_store, NULL, NULL, NULL }
     };
-    sbl__lamps *l = lights->building;
+    sbl__lamp_trees *l = lamps->building;
     sbl_result result;
-    if (lights->ready) return SBL_SUCCESS;
+    if (lamps->ready) return SBL_SUCCESS;
     d->gl.doing = "storing lamps";
-    if (!l) lights->building = l = (sbl__lamps *)sbl__alloc(d->base, 1, sizeof *l);
+    if (!l) lamps->building = l = (sbl__lamp_trees *)sbl__alloc(d->base, 1, sizeof *l);
     if (!l) return SBL_ERROR_OUT_OF_MEMORY;
     l->device = d;
     l->geometry = g;
     l->hierarchy = h;
     l->environment = e;
-    l->lights = lights;
+    l->lamps = lamps;
     result = sbl__stages_run(&l->stages, table, SBL__COUNT(table), l, slice);
     if (result == SBL_UNFINISHED) return result;
-    lights->ready = result == SBL_SUCCESS;
-    sbl__lamps_free(d, l);
-    lights->building = NULL;
+    lamps->ready = result == SBL_SUCCESS;
+    sbl__lamp_trees_free(d, l);
+    lamps->building = NULL;
     return result;
 }
 
@@ -8348,11 +8350,11 @@ typedef struct sbl__scene {
     sbl__geometry geometry;
     sbl__textures textures;
     sbl__environment environment;
-    sbl__lights lights;
+    sbl__lamps lamps;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
-                                   `lights`; empty if there are no glows */
+    sbl__lamps bright;          /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
+                                   `lamps`; empty if there are no glows */
     struct sbl__glowing *glowing;  /* data for finding the glows; NULL: not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
@@ -8369,7 +8371,7 @@ typedef struct sbl__scene {
 #define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
-   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
+   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lamps.unit. sbl__scene_warn logs a
    warning beyond them. */
 #define SBL__DIAGONAL_LEAST 5e-10
 #define SBL__DIAGONAL_MOST 6e9
@@ -8379,10 +8381,10 @@ typedef struct sbl__scene {
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
-    sbl__lights_free(d, &s->bright);
+    sbl__lamps_free(d, &s->bright);
     sbl__store_free(d, &s->store);
     sbl__hierarchy_free(d, &s->hierarchy);
-    sbl__lights_free(d, &s->lights);
+    sbl__lamps_free(d, &s->lamps);
     sbl__environment_free(d, &s->environment);
     sbl__textures_free(d, &s->textures);
     sbl__geometry_free(d, &s->geometry);
@@ -8420,11 +8422,11 @@ static void sbl__scene_write_materials(sbl__scene *s, const sbl_material *materi
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
-    const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
+    const double lamps = sbl__lamps_most(g, &s->environment, s->lamps.light_count), limit = c->max_texture_buffer_size;
     /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 8 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
+                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -8470,15 +8472,16 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     double shining = s->brightest;
     int i;
     if (!g->triangle_count) return;
-    for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
+    for (i = 0; i < s->lamps.light_count; i++)
+        shining = SBL__MAX(shining, (double)sbl__max3(s->lamps.lights[i].intensity));
     if (!(shining > 0))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
     sbl__scene_warn_size(base, g, 0);
-    if (shining > 0 && ((double)s->lights.unit < SBL__LIGHT_LEAST || (double)s->lights.unit > SBL__LIGHT_MOST))
+    if (shining > 0 && ((double)s->lamps.unit < SBL__LIGHT_LEAST || (double)s->lamps.unit > SBL__LIGHT_MOST))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
                  "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
-                 (double)s->lights.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
+                 (double)s->lamps.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8512,8 +8515,8 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         sbl__scene_write_materials(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
         if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
-        result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
-                                  s->geometry.extent);
+        result = sbl__lamps_make(d->base, &s->lamps, desc->lights, desc->light_count, s->brightest,
+                                 s->geometry.extent);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     d->gl.doing = "storing meshes";
@@ -8523,23 +8526,23 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
 }
 
 /* Returns the lamps that sensors measure: s->bright if `glows` is 1 and s->bright is ready and has glows, otherwise
-   s->lights. */
-static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
-    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
+   s->lamps. */
+static const sbl__lamps *sbl__scene_lamps(const sbl__scene *s, int glows) {
+    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lamps;
 }
 
 /* Frees the glows. They are found again on next use. */
 static void sbl__scene_glows_changed(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
     s->glowing = NULL;
-    sbl__lights_free(d, &s->bright);
+    sbl__lamps_free(d, &s->bright);
 }
 
 /* Marks lamps and store as out of date. They are made again on next use. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
-    sbl__lamps_free(d, s->lights.building);
-    s->lights.building = NULL;
-    s->lights.ready = s->store.ready = 0;
+    sbl__lamp_trees_free(d, s->lamps.building);
+    s->lamps.building = NULL;
+    s->lamps.ready = s->store.ready = 0;
     sbl__scene_glows_changed(d, s);
     s->version++;
 }
@@ -8559,7 +8562,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     const size_t count = (size_t)s->geometry.mesh_count;
     sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
-    sbl__lights others;
+    sbl__lamps others;
     sbl_result result;
     int i, differ = 0;
     if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
@@ -8567,8 +8570,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     memcpy(objects, before.geometry.objects, count * sizeof *objects);
     s->geometry.objects = objects;
     if (materials) sbl__scene_write_materials(s, materials);
-    result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
-                              s->geometry.extent);
+    result = sbl__lamps_make(d->base, &others, lights ? lights : s->lamps.lights, s->lamps.light_count, s->brightest,
+                             s->geometry.extent);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
@@ -8580,7 +8583,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
         result = sbl__geometry_attach_objects(d, &s->geometry);
     }
     if (result != SBL_SUCCESS) {
-        sbl__lights_free(d, &others);
+        sbl__lamps_free(d, &others);
         sbl__free(d->base, objects);
         *s = before;
         sbl__geometry_attach_objects(d, &s->geometry);
@@ -8589,8 +8592,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     for (i = 0; i < s->geometry.mesh_count; i++)
         differ |= sbl__reflection_differs(&before.geometry.objects[i], &objects[i]);
     sbl__free(d->base, before.geometry.objects);
-    sbl__lights_free(d, &s->lights);
-    s->lights = others;
+    sbl__lamps_free(d, &s->lamps);
+    s->lamps = others;
     if (differ) sbl__scene_changed(d, s);
     else sbl__scene_lamps_changed(d, s);
     return SBL_SUCCESS;
@@ -8621,7 +8624,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
         sbl__geometry_move(d, &s->geometry, mesh, before);
         sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
     } else if (sized) sbl__scene_warn_size(d->base, &s->geometry, 0);
-    sbl__lights_measure(&s->lights, s->brightest, s->geometry.extent);
+    sbl__lamps_measure(&s->lamps, s->brightest, s->geometry.extent);
     sbl__scene_changed(d, s);
     return result;
 }
@@ -8630,7 +8633,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
     if (result == SBL_SUCCESS)
-        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lights, slice);
+        result = sbl__lamps_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lamps, slice);
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) s->hierarchy.ready = 0;
     return result;
 }
@@ -8945,7 +8948,7 @@ static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], doub
    bright. */
 static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf) {
     sbl__scene *s = w->scene;
-    sbl__lights *l = &s->bright;
+    sbl__lamps *l = &s->bright;
     const float *light = s->store.leaves[leaf].light;
     const sbl__object *object = sbl__triangle_object(&s->geometry, s->hierarchy.order[w->index]);
     const int back = ((w->patch ^ s->store.patches[s->hierarchy.order[w->index]]) & SBL__PATCH_BACK) != 0;
@@ -9098,9 +9101,9 @@ static sbl_result sbl__glow_side(void *work, int at) {
 static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     sbl__glowing *w = (sbl__glowing *)work;
     sbl__scene *s = w->scene;
-    sbl__lights *l = &s->bright;
-    const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lights.leaves -
-                          (double)sizeof(sbl__light_record) / 16 * s->lights.count;
+    sbl__lamps *l = &s->bright;
+    const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lamps.leaves -
+                          (double)sizeof(sbl__light_record) / 16 * s->lamps.light_count;
     const double each = 9 + (double)sizeof(sbl__glow) / 16 + s->light_groups;
     const double room = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
     const int most = (int)SBL__MAX(SBL__MIN(room, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
@@ -9134,8 +9137,8 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
         if (!w) return SBL_ERROR_OUT_OF_MEMORY;
         w->device = d;
         w->scene = s;
-        result = sbl__lights_make(d->base, &s->bright, s->lights.list, s->lights.count, s->brightest,
-                                  s->geometry.extent);
+        result = sbl__lamps_make(d->base, &s->bright, s->lamps.lights, s->lamps.light_count, s->brightest,
+                                 s->geometry.extent);
         s->bright.leaf_layers = s->store.layers;
         s->bright.groups = s->light_groups;
     }
@@ -9143,19 +9146,19 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
 }
 
 /* Makes s->bright, in slices: the glows of a store whose light is known, and lamp trees. Does nothing if the store has
-   no bright cells, or if s->bright is ready with the same `only`. The hierarchy and s->lights must be ready. Frees
+   no bright cells, or if s->bright is ready with the same `only`. The hierarchy and s->lamps must be ready. Frees
    s->bright on an error. only: 1: the trees hold only glows; 0: they hold all lamps of the scene */
 static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
     d->gl.doing = "storing bright surfaces";
-    if (!s->bright.list || s->glowing) result = sbl__glow_find(d, s, slice);
+    if (!s->bright.lights || s->glowing) result = sbl__glow_find(d, s, slice);
     if (result == SBL_SUCCESS) {
         sbl__free(d->base, s->glowing);
         s->glowing = NULL;
         if (!s->bright.building) s->bright.ready = 0;
         s->bright.only_glows = only;
-        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
+        result = sbl__lamps_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
     }
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) sbl__scene_glows_changed(d, s);
     return result;
@@ -14251,7 +14254,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);  /* without glows: paths add the light of glows where
+    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: paths add the light of glows where
                                                                       they hit them */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
@@ -14786,12 +14789,12 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
-    const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
+    const sbl__lamps *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
-    sbl__lights_bind(d, l);
+    sbl__lamps_bind(d, l);
     sbl__set_int(d, "rays", b->spec->lamp_rays);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
@@ -15469,7 +15472,7 @@ static sbl_result sbl__cast_use(sbl__device *d, const sbl__scene *scene) {
                                     : sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS || !metal) return result;
     sbl__environment_bind(d, &scene->environment);
-    sbl__lights_bind(d, &scene->lights);
+    sbl__lamps_bind(d, &scene->lamps);
     sbl__set_int(d, "lamps_apart", 1);
     sbl__set_float(d, "epsilon", 0);
     sbl__set_int(d, "sky_layer", scene->environment.layer);
@@ -17596,8 +17599,8 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
     }
     parts[SBL__SAVED_LIGHTS] = seed;
-    for (i = 0; i < s->lights.count; i++) {
-        sbl_light light = s->lights.list[i];
+    for (i = 0; i < s->lamps.light_count; i++) {
+        sbl_light light = s->lamps.lights[i];
         if (light.kind != SBL_LIGHT_DIRECTIONAL) sbl__from_host(g->centre, light.position, light.position);
         parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &light, offsetof(sbl_light, light_group));
     }
@@ -17607,9 +17610,9 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     if (!s->light_groups) return;
     for (i = 0; i < g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) *materials = sbl__hash_bytes(*materials, &g->objects[i].layer, 4);
-    for (i = 0; i < s->lights.count; i++)
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lights.list[i].light_group,
-                                                   sizeof s->lights.list[i].light_group);
+    for (i = 0; i < s->lamps.light_count; i++)
+        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lamps.lights[i].light_group,
+                                                   sizeof s->lamps.lights[i].light_group);
     *sky = sbl__hash_bytes(*sky, &e->layer, sizeof e->layer);
     *sky = sbl__hash_bytes(*sky, &s->light_groups, sizeof s->light_groups);
 }
@@ -20895,7 +20898,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
     sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
     c->stats.scene.bvh_seconds = h->seconds;
-    c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
+    c->stats.scene.lamps = rays ? c->scene.lamps.leaves : 0;
     c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
                                h->node_table.texels.bytes + h->triangle_table.texels.bytes;
     if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
@@ -24026,7 +24029,7 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const sbl__lights *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
+    const sbl__lamps *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
     const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
@@ -24858,7 +24861,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     int i, has;
     if (result != SBL_SUCCESS) return result;
     snprintf(check.where, sizeof check.where, "%s", function);
-    has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
+    has = desc->materials ? c->core.scene.material_count : c->core.scene.lamps.light_count;
     check.base = &c->core.base;
     if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
     for (i = 0; i < count && count == has; i++) {
