@@ -21019,7 +21019,7 @@ typedef struct sbl__map {
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
-    sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or the one of >>reflections */
+    sbl__refine *develops;      /* the refinement whose light DEVELOP develops, see sbl__map_develop_from */
     float reflected;            /* finished fraction of >>reflections, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS_MOST];
     sbl__pace filter_pace;
@@ -21141,7 +21141,6 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     int level;
     m->window = sbl__window_of(desc);
     m->desc = sbl__window_desc(desc, &m->window);
-    m->source = &m->refine;
     m->scene_version = c->scene.version;
     sbl__camera_make(&m->camera, desc, &m->window, &c->scene.geometry);
     m->size[0] = m->window.shown[0] / across;
@@ -21356,9 +21355,11 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes sbl__map_develop start again, with this layer. */
-static void sbl__map_develop_from(sbl__map *m, int layer) {
+/* Makes sbl__map_develop start again, with this layer of the map. refine: the refinement that has measured its light:
+   &m->refine or, for SBL__REFLECTIONS_LAYER of a picture, the refinement of >>reflections */
+static void sbl__map_develop_from(sbl__map *m, sbl__refine *refine, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
+    m->develops = refine;
     m->layer = layer;
     m->developing.stage = SBL__DEVELOP_FILL;
     m->developing.at = 0;
@@ -21366,8 +21367,8 @@ static void sbl__map_develop_from(sbl__map *m, int layer) {
 
 static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    m->fill.refine = m->source;
-    m->fill.layer = m->source == &m->refine ? m->layer : 0;
+    m->fill.refine = m->develops;
+    m->fill.layer = m->develops == &m->refine ? m->layer : 0;
     return sbl__fill_step(&m->fill, slice);
 }
 
@@ -21397,8 +21398,8 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
-    filter.radiance = &m->layers[m->source == &m->refine ? 0 : m->layer].light;
-    filter.layer = m->layer && m->source == &m->refine ? &layer->light : NULL;
+    filter.radiance = &m->layers[m->develops == &m->refine ? 0 : m->layer].light;
+    filter.layer = m->layer && m->develops == &m->refine ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     filter.is_group = m->spec.groups > 0;
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
@@ -21446,7 +21447,7 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
-    sbl__map_develop_from(m, 0);
+    sbl__map_develop_from(m, &m->refine, 0);
     return m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
@@ -21522,7 +21523,8 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     m->watched = 1;
     if (m->previewed || m->glimpse == SBL__GLIMPSE_SHOWN) return SBL_SUCCESS;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__refine_error(&m->refine) < 0) return SBL_UNFINISHED;
-    if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
+    if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP)
+        sbl__map_develop_from(m, &m->refine, 0);
     do result = m->work.front_end->stages[SBL__MAP_PREVIEW].piece(m, &slice);
     while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS) m->previewed = sbl__refine_looks(&m->refine);
@@ -22168,8 +22170,7 @@ static sbl_result sbl__picture_reflect(void *work, sbl__slice *slice) {
 
 static int sbl__picture_after_reflect(void *work) {
     sbl__picture *p = (sbl__picture *)work;
-    sbl__map_develop_from(&p->map, SBL__REFLECTIONS_LAYER);
-    p->map.source = &p->reflections.refine;
+    sbl__map_develop_from(&p->map, &p->reflections.refine, SBL__REFLECTIONS_LAYER);
     return SBL__PICTURE_DEVELOP;
 }
 
@@ -22178,7 +22179,6 @@ static int sbl__picture_after_develop(void *work) {
     const sbl__device *d = &p->map.work.core->device;
     sbl__texture_delete(d, &p->map.layers[SBL__REFLECTIONS_LAYER].light);
     sbl__reflections_end(&p->reflections, &p->map);
-    p->map.source = &p->map.refine;
     p->map.channels[SBL_CHANNEL_SPECULAR] = &p->map.layers[SBL__REFLECTIONS_LAYER].smooth.target;
     return SBL__PICTURE_FINISH;
 }
@@ -22556,7 +22556,7 @@ static int sbl__lightmap_after_send(void *work) {
     if (m->layer) sbl__map_layer_free(d, &m->layers[m->layer]);
     m->finished = (float)(m->layer + 1) / (float)layer_count;
     if (m->layer + 1 < layer_count) {
-        sbl__map_develop_from(m, m->layer + 1);
+        sbl__map_develop_from(m, &m->refine, m->layer + 1);
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
