@@ -15232,7 +15232,7 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_PLACE, NULL, sbl__bounce_place, sbl__bounce_queued, sbl__bounce_after_place) \
     X(SBL__BOUNCE_CAST_CONTACTS, sbl__bounce_cast_contacts, NULL, NULL, NULL) \
     X(SBL__BOUNCE_CUT, NULL, sbl__bounce_cuts, sbl__bounce_uncut_leaves, sbl__bounce_after_cuts) \
-    X(SBL__BOUNCE_CAST_POINTS, sbl__bounce_cast_points, NULL, NULL, sbl__bounce_after_rays) \
+    X(SBL__BOUNCE_CAST_POINTS, sbl__bounce_cast_points, NULL, NULL, sbl__bounce_after_cast_points) \
     X(SBL__BOUNCE_RELOCATE, NULL, sbl__bounce_relocate, sbl__bounce_points, sbl__bounce_after_relocate) \
     X(SBL__BOUNCE_SORT, NULL, sbl__bounce_sort, sbl__bounce_points, sbl__bounce_after_sort) \
     X(SBL__BOUNCE_LINK, NULL, sbl__bounce_link, sbl__bounce_points, sbl__bounce_after_link) \
@@ -16064,7 +16064,7 @@ static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
     return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
 
-static int sbl__bounce_after_rays(void *work) {
+static int sbl__bounce_after_cast_points(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int first = b->points_cast * SBL__BOUNCE_RAYS;
     b->points_cast = b->point_count;
@@ -17861,7 +17861,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    declares the data and the stages; its functions are about single pixels and sensors.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
-   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
+   sites for a job (LIST), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
    A tile's error has two parts:
 
        bias    the error of interpolation. It is estimated from second differences of light between sensors, and from
@@ -17880,13 +17880,13 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 
    The stages, of which those of guides and places are only needed in some pictures and lightmaps:
 
-       rounds    TILES -> { COLLECT -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
-       guides    after a first round that is too noisy: RESTART -> COLLECT_SCOUTS -> SCOUT -> TAKE_SCOUTS -> GUIDES,
+       rounds    TILES -> { LIST -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
+       guides    after a first round that is too noisy: RESTART -> LIST_SCOUTS -> SENSE_SCOUTS -> TAKE_SCOUTS -> GUIDES,
                  then the first round again. With more rays per look instead of guides, only RESTART
-       places    in lightmaps, after TAKE, for hidden centres of texels: COLLECT_PLACES -> SEARCH -> TAKE_PLACES ->
-                 COLLECT
+       places    in lightmaps, after TAKE, for hidden centres of texels: LIST_PLACES -> SENSE_PLACES -> TAKE_PLACES,
+                 then LIST again
 
-   COLLECT and SPEND change tiles and the looks of sensors (>>tiles, >>weigh); TAKE changes the light of sensors
+   LIST and SPEND change tiles and the looks of sensors (>>tiles, >>weigh); TAKE changes the light of sensors
    (>>rounds). Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the
    picture's mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms mostly call functions
    of >>rounds and >>fill; only >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
@@ -17947,19 +17947,19 @@ typedef struct sbl__pixel_lobe {
 
 #define SBL__REFINE_STAGES(X) \
     X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
-    X(SBL__REFINE_COLLECT, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_LIST, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
     X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
     X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
     X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
     X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
     X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
     X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
-    X(SBL__REFINE_COLLECT_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
-    X(SBL__REFINE_SCOUT, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_LIST_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE_SCOUTS, sbl__refine_sense, NULL, NULL, NULL) \
     X(SBL__REFINE_TAKE_SCOUTS, sbl__scouts_take, NULL, NULL, sbl__refine_after_take) \
     X(SBL__REFINE_GUIDES, sbl__guides_send, NULL, NULL, sbl__refine_after_guides) \
-    X(SBL__REFINE_COLLECT_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
-    X(SBL__REFINE_SEARCH, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_LIST_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE_PLACES, sbl__refine_sense, NULL, NULL, NULL) \
     X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
 enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
@@ -19596,8 +19596,8 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
 /* Begins the job for the listed sites, if any. A scout or a search ray is a look of one ray. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
-    const int searches = r->stages.stage == SBL__REFINE_COLLECT_PLACES;
+    const int scouts = r->stages.stage == SBL__REFINE_LIST_SCOUTS;
+    const int searches = r->stages.stage == SBL__REFINE_LIST_PLACES;
     sbl__task task;
     sbl__refine_task(r, &task);
     task.spec.distance_limit = r->distance_limit;
@@ -19631,12 +19631,12 @@ static int sbl__refine_after_take(void *work) {
     const int searches = stage == SBL__REFINE_TAKE_PLACES;
     r->site_count = r->look_count = 0;
     if (r->listed < (scouts ? r->guides.columns * r->guides.rows : searches ? r->searched_count : r->tile_count))
-        return stage - 2;
+        return scouts ? SBL__REFINE_LIST_SCOUTS : searches ? SBL__REFINE_LIST_PLACES : SBL__REFINE_LIST;
     r->listed = 0;
     if (scouts) return SBL__REFINE_GUIDES;
     if (searches) r->searched_count = 0;
-    if (searches) return SBL__REFINE_COLLECT;
-    if (r->searched_count) return SBL__REFINE_COLLECT_PLACES;
+    if (searches) return SBL__REFINE_LIST;
+    if (r->searched_count) return SBL__REFINE_LIST_PLACES;
     r->rounds++;
     sbl__weigh_begin(r);
     return SBL__REFINE_COUNT;
@@ -19658,7 +19658,7 @@ static int sbl__refine_needs_guides(const sbl__refine *r) {
 }
 
 static int sbl__refine_after_tiles(void *work) {
-    return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_LIST_SCOUTS : SBL__REFINE_LIST;
 }
 
 static int sbl__refine_after_weigh(void *work) {
@@ -19686,23 +19686,23 @@ static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int times = sbl__refine_growth(r), guides = sbl__refine_needs_guides(r);
     sbl__refine_restart(r);
-    if (guides) return SBL__REFINE_COLLECT_SCOUTS;
+    if (guides) return SBL__REFINE_LIST_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_update_spec(r);
-    return SBL__REFINE_COLLECT;
+    return SBL__REFINE_LIST;
 }
 
 /* With a price, ends no earlier than the round that buys everything worth the price. */
 static int sbl__refine_after_spend(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     const int lowers = r->price > 0 && r->rounds <= SBL__PRICE_ROUNDS;
-    return r->bought || lowers ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
+    return r->bought || lowers ? SBL__REFINE_LIST : SBL__REFINE_DONE;
 }
 
 static int sbl__refine_after_guides(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
-    return SBL__REFINE_COLLECT;
+    return SBL__REFINE_LIST;
 }
 
 /* Refines, piece by piece. Returns SBL_SUCCESS after a round that has bought nothing, see sbl__weigh_end. */
@@ -19901,13 +19901,13 @@ static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; 
 static int64_t sbl__refine_looks(const sbl__refine *r) { return r->looks_taken; }
 
 static int sbl__refine_is_sensing(const sbl__refine *r) {
-    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT ||
-           r->stages.stage == SBL__REFINE_SEARCH;
+    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SENSE_SCOUTS ||
+           r->stages.stage == SBL__REFINE_SENSE_PLACES;
 }
 
 /* Returns 1 while no tile of the first round is listed: at first, after a restart, and after a search for places. */
 static int sbl__refine_is_at_start(const sbl__refine *r) {
-    return r->stages.stage <= SBL__REFINE_COLLECT && r->rounds == 0 && r->listed == 0;
+    return r->stages.stage <= SBL__REFINE_LIST && r->rounds == 0 && r->listed == 0;
 }
 
 static int sbl__refine_round_is_over(const sbl__refine *r) {
