@@ -18025,8 +18025,8 @@ typedef struct sbl__refine {
     float shown2;             /* see sbl__weigh_shown2 */
     float mean_final;         /* luminance of sbl_picture_desc.mean_final */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
-    size_t harmonics;         /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
-    float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS), pixel after pixel; layer 0 is
+    size_t layer_floats;      /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
+    float *layers;            /* light of layers 1 and up (harmonics or light groups), pixel after pixel; layer 0 is
                                  sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
@@ -18129,7 +18129,7 @@ static sbl__sensor *sbl__sensor_add(sbl__refine *r, sbl__pixel *p) {
 
 /* Returns a layer of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
-    return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1)
+    return layer ? r->layers + (size_t)(p - r->pixels) * r->layer_floats + 3 * ((size_t)layer - 1)
                  : sbl__sensor_of(r, p)->radiance;
 }
 
@@ -18807,7 +18807,7 @@ static int sbl__refine_room(sbl__refine *r, int more) {
     sbl__base *base = &r->core->base;
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
            sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
-           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
+           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->layer_floats * sizeof(float));
 }
 
 /* Frees the sites and their readings. */
@@ -19086,13 +19086,13 @@ static int sbl__places_mean(sbl__refine *r, int at) {
         squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
         noise2 += (double)own->noise * own->noise / kept;
     }
-    for (k = 0; k < r->harmonics && count > 1; k++) {
+    for (k = 0; k < r->layer_floats && count > 1; k++) {
         double sum = 0;
         for (i = first; i <= at; i++) {
             const int rank = sbl__places_rank(r, first, at, i);
-            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->harmonics + k];
+            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->layer_floats + k];
         }
-        layers[(size_t)at * r->harmonics + k] = (float)(sum / kept);
+        layers[(size_t)at * r->layer_floats + k] = (float)(sum / kept);
     }
     light = (double)sbl__luminance(mean.radiance);
     mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
@@ -19530,12 +19530,12 @@ static sbl_result sbl__refine_take(void *work, int at) {
     const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
     const float share = (float)looks / (float)(s->looks + looks);
     const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
-    float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
-    const float *found = r->reading_layers + r->harmonics * (size_t)at;
+    float *light = r->layers + r->layer_floats * (size_t)r->sites[at].pixel;
+    const float *found = r->reading_layers + r->layer_floats * (size_t)at;
     size_t i;
     if (!looks) return SBL_SUCCESS;
     for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
-    for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
+    for (i = 0; i < r->layer_floats; i++) light[i] += share * (found[i] - light[i]);
     s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
     if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
     s->looks += looks;
@@ -19741,15 +19741,15 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
     int k, point, lit = 0;
     sbl__scene_normal(r->atlas->geometry, triangle, normal);
     for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
-    for (i = 0; i < r->harmonics; i++) out[i] = 0;
+    for (i = 0; i < r->layer_floats; i++) out[i] = 0;
     for (point = 0; point < 25; point++) {
         float place[3];
         for (k = 0; k < 3; k++)
             place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
                                                              (float)(point / 5 - 2) * axes[1][k]);
-        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->harmonics, out);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->layer_floats, out);
     }
-    for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
+    for (i = 0; i < r->layer_floats; i++) out[i] /= (float)SBL__MAX(lit, 1);
 }
 
 /* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
@@ -19758,7 +19758,7 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
     static const int axes[3] = { 1, 2, 0 };
     size_t i;
     if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
-    for (i = 0; i < r->harmonics && !r->spec->groups; i++)
+    for (i = 0; i < r->layer_floats && !r->spec->groups; i++)
         out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
                  (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
@@ -19783,7 +19783,7 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
     r->target_error = desc->target_error;
     r->geometry_aware = desc->options.mode != SBL_MODE_PAPER;
-    r->harmonics = 3 * (size_t)(sbl__spec_layers(spec) - 1);
+    r->layer_floats = 3 * (size_t)(sbl__spec_layers(spec) - 1);
     r->smoothing = smoothing;
     sbl__looks_calibrate(r);
 }
@@ -19797,7 +19797,7 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     const int bounced = r->measurement->options.mode == SBL_MODE_GI && !r->spec->lobe;
     sbl__base *base = &r->core->base;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(base, pixels, sizeof *r->pixels);
-    r->layers = (float *)sbl__alloc(base, pixels, r->harmonics * sizeof *r->layers);
+    r->layers = (float *)sbl__alloc(base, pixels, r->layer_floats * sizeof *r->layers);
     r->sensors = (sbl__sensor **)sbl__alloc(base, sbl__sensor_blocks(r), sizeof *r->sensors);
     if (bounced) r->stored_light = (float *)sbl__alloc_raw(base, pixels, 3 * sizeof *r->stored_light);
     if (r->spec->lobe) r->lobes = (sbl__pixel_lobe *)sbl__alloc(base, pixels, sizeof *r->lobes);
@@ -19847,12 +19847,12 @@ static int sbl__refine_counts(const sbl__refine *r, size_t index) {
    needs no sensor */
 static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown, const float stored[3],
                                   int shows_stored) {
-    float *light = r->layers + r->harmonics * index;
+    float *light = r->layers + r->layer_floats * index;
     sbl__pixel *p = &r->pixels[index];
     double uncertainty;
     *p = *shown;
     if (r->stored_light) memcpy(r->stored_light + 3 * index, stored, 3 * sizeof *stored);
-    memset(light, 0, r->harmonics * sizeof *light);
+    memset(light, 0, r->layer_floats * sizeof *light);
     if (shows_stored) {
         sbl__sensor *s = sbl__sensor_add(r, p);
         if (!s) return SBL_ERROR_OUT_OF_MEMORY;
