@@ -6374,7 +6374,7 @@ static float sbl__box_area(const sbl__box *b) {
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
 /* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
-   element of sbl__bvh.children whose last word receives the index of the node */
+   element of sbl__bvh_building.children whose last word receives the index of the node */
 typedef struct sbl__bvh_task {
     int first, count, depth, child;
     sbl__grid_node grid;
@@ -6404,7 +6404,7 @@ typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__b
     X(SBL__BVH_NODES, sbl__bvh_nodes, NULL, NULL, NULL)
 enum { SBL__BVH_STAGES(SBL__STAGE_NAME) SBL__BVH_DONE };
 
-typedef struct sbl__bvh {        /* data for building the hierarchy */
+typedef struct sbl__bvh_building {  /* data for building the hierarchy */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
@@ -6417,7 +6417,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
     sbl__triangle records[SBL__UPLOAD_CHUNK / sizeof(sbl__triangle)];  /* a piece of an upload */
-} sbl__bvh;
+} sbl__bvh_building;
 
 typedef struct sbl__hierarchy {
     int ready;
@@ -6428,10 +6428,10 @@ typedef struct sbl__hierarchy {
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
-    sbl__bvh *building;          /* NULL: the hierarchy is not being built */
+    sbl__bvh_building *building; /* NULL: the hierarchy is not being built */
 } sbl__hierarchy;
 
-static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
+static void sbl__bvh_free(const sbl__device *d, sbl__bvh_building *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
     sbl__free(d->base, b->boxes);
@@ -6458,18 +6458,18 @@ static void sbl__bvh_bounds_add(sbl__bvh_bounds *bounds, const sbl__box *box) {
 }
 
 /* Returns the bin of a triangle's box along an axis. */
-static int sbl__bvh_bin(const sbl__bvh *b, const sbl__box *box, int axis) {
+static int sbl__bvh_bin(const sbl__bvh_building *b, const sbl__box *box, int axis) {
     return (int)((box->low[axis] + box->high[axis] - b->task.bounds.centroids.low[axis]) * b->split.scale[axis]);
 }
 
 static int sbl__bvh_chunks(void *work) {
-    return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
+    return (((sbl__bvh_building *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
 /* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
    task (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     uint32_t *order = b->hierarchy->order;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
@@ -6495,7 +6495,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
 
 /* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART, or SBL__BVH_NODE without a split. */
 static int sbl__bvh_choose(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
@@ -6566,7 +6566,7 @@ static int sbl__bvh_is_passed(const sbl__geometry *g, uint32_t triangle) {
 
 /* Drops copies of triangles through which no ray passes: a copy has a higher index, and equal corners in the same
    order. Rays would test the copies, but never hit them. Reduces t->count. */
-static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
+static sbl_result sbl__bvh_drop_copies(const sbl__bvh_building *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
     uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
@@ -6594,7 +6594,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
    SBL__BVH_SAH_DEPTH, inserts a finer grid between node and parent. Returns SBL__BVH_COSTS if the stack is empty,
    otherwise SBL__BVH_COUNT. */
 static int sbl__bvh_next_task(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
@@ -6625,7 +6625,7 @@ static int sbl__bvh_next_task(void *work) {
 
 /* Writes the node of the current task after its split. Each part becomes a leaf or a new task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
     const int node = b->hierarchy->node_count++;
@@ -6664,7 +6664,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
     const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
-    sbl__bvh *b = (sbl__bvh *)sbl__alloc(d->base, 1, sizeof *b);
+    sbl__bvh_building *b = (sbl__bvh_building *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
     b->device = d;
@@ -6681,11 +6681,11 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
+static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh_building *)work)->geometry->triangle_count; }
 
 /* Adds a triangle, unless it is hidden from sensors. */
 static sbl_result sbl__bvh_box(void *work, int at) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->hierarchy->order[b->hierarchy->triangle_count++] = i;
@@ -6696,7 +6696,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
 
 /* Begins a task for all triangles, if the scene has any. Returns the next stage. */
 static int sbl__bvh_after_boxes(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
     if (h->triangle_count) {
@@ -6709,11 +6709,11 @@ static int sbl__bvh_after_boxes(void *work) {
     return sbl__bvh_next_task(b);
 }
 
-static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
+static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh_building *)work)->hierarchy->node_count - 1; }
 
 /* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. Goes backwards: parents come first. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     const sbl__bvh_node_cost *node = &b->costs[h->node_count - 1 - at];
     b->costs[node->parent].sum += node->sum;
@@ -6723,7 +6723,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
 
 /* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements from stages.at on. Advances
    stages.at. Returns SBL_UNFINISHED until the last piece, after which it attaches the table. */
-static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
+static sbl_result sbl__bvh_upload(sbl__bvh_building *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
     sbl_result result = SBL_SUCCESS;
@@ -6739,7 +6739,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
 
 /* Writes records for the next triangles, in the order of the leaves, and uploads them. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     const sbl__geometry *g = b->geometry;
     sbl__hierarchy *h = b->hierarchy;
     const int count = SBL__MIN(SBL__COUNT(b->records), h->triangle_count - b->stages.at);
@@ -6761,7 +6761,7 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     (void)slice;
     return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
@@ -15265,7 +15265,7 @@ typedef enum sbl__black {
     SBL__BLACK_EQUAL,     /* black surfaces get leaves like other surfaces */
     SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
     SBL__BLACK_JOINED     /* last attempt, after the size of cells is found: black surfaces get leaves up to a fill of
-                             SBL__FILL_BLACK */
+                             SBL__STORE_FILL_BLACK */
 } sbl__black;
 
 typedef struct sbl__bounce {
@@ -15597,15 +15597,16 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
    and leaves of the store, but not their light. */
 
 /* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
-#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
-#define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
-                                      by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
-#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
-#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
-#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
+#define SBL__STORE_FILL_AIM 0.35   /* fill for which the first size of cells is chosen */
+#define SBL__STORE_FILL_FIRST 0.3  /* cells become larger if rays of surface samples alone cause a larger fill */
+#define SBL__STORE_FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by
+                                            x */
+#define SBL__STORE_FILL_LEAST 0.12 /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the
+                                      fill by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
+#define SBL__STORE_FILL_WIDER 0.6  /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
+#define SBL__STORE_FILL_WIDEST 0.8  /* at this fill or more, new leaves belong to cells of level 2 */
+#define SBL__STORE_FILL_FULL 0.95  /* at this fill or more, new leaves belong to cells of level 3 */
+#define SBL__STORE_FILL_BLACK 0.25 /* maximum fill by leaves on black surfaces in the last attempt, which comes after
                                       the size of cells is found */
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
@@ -15649,7 +15650,7 @@ static uint32_t sbl__hit_word(const sbl__store *s, const sbl__hit *at) {
    cuts. Surface samples with the distance SBL__UNSEEN begin with cells of level unseen_level. patch: NULL, or receives
    the patch word with the level of the cell */
 static uint32_t *sbl__hit_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
-    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__STORE_FILL_WIDER, SBL__STORE_FILL_WIDEST, SBL__STORE_FILL_FULL, 1 };
     const sbl__store *s = b->store;
     uint32_t *reference = NULL, word = sbl__hit_word(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
@@ -15704,14 +15705,14 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
 }
 
 /* Empties the store. Sets unseen_level, the length of cells (1 in a scene without area) and the area below which
-   patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__FILL_AIM of the
-   store. */
+   patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__STORE_FILL_AIM of
+   the store. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
-    const double area = 2 * p->area / (SBL__FILL_AIM * s->max_leaves);
+    const double area = 2 * p->area / (SBL__STORE_FILL_AIM * s->max_leaves);
     int k, room = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
@@ -15828,7 +15829,7 @@ static int sbl__bounce_queued(void *work) {
 
 /* Returns how many leaves may be on black surfaces, see sbl__black. */
 static int sbl__bounce_black_most(const sbl__bounce *b) {
-    static const double fills[] = { 1, 0, SBL__FILL_BLACK };
+    static const double fills[] = { 1, 0, SBL__STORE_FILL_BLACK };
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
@@ -15951,19 +15952,19 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     if (b->seen_leaves == 0 || least >= 1 || hits < SBL__BOUNCE_COVERED * b->seen_leaves) return 1;
     if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
     b->previous_leaves = b->seen_leaves;
-    return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
+    return SBL__MAX(fill / SBL__STORE_FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
 /* Returns the stage that follows an attempt with one size of cells: GRID for another attempt, or RELOCATE if the size
    is found. If black surfaces take most leaves, they get none in the following attempts, and join in the last one. */
 static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
-    const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
+    const int few = reflecting < SBL__STORE_FILL_LEAST * b->store->max_leaves;
     double growth = 1;
     if (b->black == SBL__BLACK_JOINED) return SBL__BOUNCE_RELOCATE;
     if (b->black == SBL__BLACK_EQUAL && few && b->black_leaves > reflecting) b->black = SBL__BLACK_LEFT_OUT;
     else {
-        if (fill < SBL__FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
+        if (fill < SBL__STORE_FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
         if (growth >= 1 && (b->sample_small || !few)) {
             if (b->black == SBL__BLACK_EQUAL) return SBL__BOUNCE_RELOCATE;
             b->black = SBL__BLACK_JOINED;
@@ -15990,9 +15991,9 @@ static int sbl__bounce_after_place(void *work) {
     if (b->rechecking) sbl__bounce_forget_cuts(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
-    if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    if (!b->cut_leaves && fill > SBL__STORE_FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The leaves hit so far are too many: the rays that will be cast from their points hit still more leaves. */
-        return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+        return sbl__bounce_restart(b, pow(fill / SBL__STORE_FILL_FIRST, SBL__STORE_FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
     if (b->recheck) {  /* A cut through a leaf with points can leave one side without points. */
@@ -17548,7 +17549,7 @@ static float sbl__bounce_progress(const sbl__core *c) {
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
     if (b->divisions)
         return SBL__BOUNCE_LIT + (1 - SBL__BOUNCE_LIT) * (float)b->divisions / (SBL__DIVISIONS + 1);
-    points = (float)SBL__FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
+    points = (float)SBL__STORE_FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
     cast = (float)b->points_cast;
     if (b->stages.stage == SBL__BOUNCE_CAST_POINTS)
         cast = SBL__MAX(cast, (float)b->stages.at / SBL__BOUNCE_RAYS);
