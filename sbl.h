@@ -15493,6 +15493,7 @@ static int sbl__cast_outputs(const sbl__scene *scene) {
     return !sbl__cast_has_metal(scene) ? 2 : scene->light_groups ? 4 : 3;
 }
 
+/* Casts `count` rays. Their hits are then in b->blocks.target. */
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
@@ -15689,6 +15690,7 @@ static float sbl__side_offset(const sbl__geometry *g, uint32_t side, float norma
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
+/* Divides the surfaces into patches. Also makes the sequence of ray directions. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -16051,6 +16053,7 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
+/* Makes ray `number` of all rays of points. The points of a leaf, and rounds of division, have different directions. */
 static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
@@ -16085,6 +16088,8 @@ static int sbl__bounce_after_cast_points(void *work) {
 #define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 
+/* Makes contact ray `number` of the leaves that have not been cut yet. It starts at the leaf's first point, runs along
+   the surface, and ends where it leaves the cube of the leaf's cell, at most two cell lengths away. */
 static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
     const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
@@ -16289,6 +16294,7 @@ static int sbl__bounce_uncut_leaves(void *work) {
     return b->store->leaf_count - b->cut_leaves;
 }
 
+/* Makes the cuts for the contact rays of leaf `at` among the leaves that have not been cut yet. */
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
@@ -16299,6 +16305,7 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
+/* Swaps two objects of `bytes` bytes each, at most the size of the hits of a point's rays. */
 static void sbl__swap(void *a, void *b, size_t bytes) {
     char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
     memcpy(keep, a, bytes);
@@ -16306,6 +16313,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
+/* Queues the hits that have waited for the cuts. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->cut_leaves = b->store->leaf_count;
@@ -16687,7 +16695,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -16805,7 +16813,7 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -17212,6 +17220,8 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__cell_of_leaf(b, leaf, &s->bright[s->bright_count++]);
 }
 
+/* Chooses the bright leaves, and lists their cells, in order and each once, in the store. Candidates are leaves that
+   far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -17447,6 +17457,7 @@ static int sbl__bounce_after_send(void *work) {
     return SBL__BOUNCE_AIR;
 }
 
+/* Stores the light in the air: for each of six directions, the mean over the positions. */
 static int sbl__bounce_after_air(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     float (*air)[3] = b->store->air;
@@ -19662,6 +19673,7 @@ static int sbl__refine_after_tiles(void *work) {
     return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_LIST_SCOUTS : SBL__REFINE_LIST;
 }
 
+/* Starts again if looks are too noisy. Otherwise copies the predicted errors to the statistics that the host reads. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__weigh_end(r);
