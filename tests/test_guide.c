@@ -190,7 +190,7 @@ TEST(the_picture_is_the_same) {
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
-        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SCOUT;
+        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SENSE_SCOUTS;
         guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS,
