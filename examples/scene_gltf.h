@@ -277,8 +277,10 @@ static double scene__triangles_of(const cJSON *primitive, double vertices, cJSON
     return mode > 4 ? fmax(corners - 2, 0) : ceil(corners / 3);
 }
 
-/* Returns 1 if the reader uses an attribute of this name in addition to the positions. */
+/* Returns 1 if the reader uses an attribute of this name in addition to the positions. name: NULL if the file has a
+   list in the place of the attributes */
 static int scene__is_read(const char *name) {
+    if (!name) return 0;
     return strcmp(name, "NORMAL") == 0 || strcmp(name, "COLOR_0") == 0 || strncmp(name, "TEXCOORD_", 9) == 0;
 }
 

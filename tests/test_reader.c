@@ -1507,8 +1507,8 @@ TEST(broken_meshes_are_counted) {
         "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,"
         "\"byteLength\":16}],"
-        "\"buffers\":[{\"byteLength\":64,\"uri\":\"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAA"
-        "AACAPwAAgD8AAAAAAAAAAAAAgD8AAAAAAAECAAIDAAECAAIJAAEDAg==\"}]}");
+        "\"buffers\":[{\"byteLength\":64,\"uri\":\"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAA"
+        "AAAAAAAAAACAPwAAgD8AAAAAAAAAAAAAgD8AAAAAAAECAAIDAAECAAIJAAEDAg==\"}]}");
     file = read_back("broken.gltf", 0);
     REQUIRE(file, "%s", error);
     CHECK(file->simplified[SCENE_FILE_CORNERS] == 2 && file->simplified[SCENE_FILE_ATTRIBUTE] == 1 &&
@@ -1516,6 +1516,11 @@ TEST(broken_meshes_are_counted) {
           file->simplified[SCENE_FILE_CORNERS], file->simplified[SCENE_FILE_ATTRIBUTE], file->scene.mesh_count);
     CHECK(strcmp(file->names[0], "nodes[0]") == 0, "the name %s", file->names[0]);
     scene_file_free(file);
+    write_text("broken.gltf", "{\"asset\":{\"version\":\"2.0\"},\"accessors\":[{\"normalized\":true}],\"meshes\":"
+               "[{\"primitives\":[{\"attributes\":[0]}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]}");
+    file = read_back("broken.gltf", 0);
+    CHECK(!file && strstr(error, "attributes"), "a list of attributes: %s", error);
+    if (file) scene_file_free(file);
 }
 
 /* Names of meshes keep all characters, and the name of the .bin is written as a URI. */
