@@ -1424,8 +1424,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
-    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis, negative if a mirror shows what is
-                               behind the camera; 0 in lightmaps */
+    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis, negative if a mirror or an
+                               orthographic camera shows what is behind the camera; 0 in lightmaps */
     SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
     SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
     SBL_CHANNEL_ERROR,      /* 1: predicted standard error of luminance: of FINAL at pixel centres in pictures of scenes
@@ -17628,6 +17628,8 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
+    /* the usual shape adds nothing, so that stores of older versions match */
+    if (e->pixels && e->width != 2 * e->height) *sky = sbl__hash_bytes(*sky, &e->width, sizeof e->width);
     if (!s->light_groups) return;
     for (i = 0; i < g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) *materials = sbl__hash_bytes(*materials, &g->objects[i].layer, 4);
