@@ -19140,6 +19140,13 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Returns 1 if the guide of a sensor whose error counts may be made from scouts at this pixel: a sensor takes a guide
+   less than one step away, which takes scouts up to two steps away. */
+static int sbl__scouts_serve(const sbl__refine *r, int index) {
+    const int reach = r->window.margin + 3 * r->guides.step - 1;
+    return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
+}
+
 /* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
@@ -19153,7 +19160,7 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         p = sbl__guide_pixel(r, column, row);
-        if (!p) continue;
+        if (!p || !sbl__scouts_serve(r, (int)(p - r->pixels))) continue;
         if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
         for (i = 0; i < SBL__SCOUTS; i++)
             sbl__refine_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
