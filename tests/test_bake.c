@@ -654,9 +654,9 @@ TEST(a_full_disk_is_said) {
 /* If it is interrupted early, the tool works on for a moment, then writes any light that exists, and says so. If it is
    interrupted later, it writes the light computed so far. */
 TEST(interrupted) {
-    static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o",
+    static const char *const early[] = { "room.gltf", "--lightmap", "1024", "--rays", "4096", "--tile", "1", "-o",
         "early", NULL };
-    static const char *const late[] = { "room.gltf", "--lightmap", "1024", "--mode", "ambient", "--rays", "4096",
+    static const char *const late[] = { "room.gltf", "--lightmap", "512", "--mode", "ambient", "--rays", "4096",
         "--threshold", "0", "-o", "late", NULL };
     picture light;
     int kept;
@@ -668,12 +668,12 @@ TEST(interrupted) {
                                          : "interrupted; there is no light yet") &&
           exists("early/lightmap.partial.pfm") == kept && !exists("early/lightmap.pfm") && !parts_left(),
           "exit status %d, %s is kept: %s", ran.status, kept ? "light" : "nothing", ran.err);
-    CHECK(!kept || light.width == 2048, "the unfinished lightmap is %d wide", light.width);
+    CHECK(!kept || light.width == 1024, "the unfinished lightmap is %d wide", light.width);
     free(light.values);
     CHECK(interrupt_at(late, 2, SIGTERM) && ran.status == 143 && said("unfinished lightmap ("), "exit status %d: %s",
           ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
-    CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") &&
+    CHECK(light.values && light.width == 512 && *texel(&light, 150, 150) > 0 && !exists("late/lightmap.pfm") &&
           !parts_left(), "there is no partial output");
     free(light.values);
 }
