@@ -1424,8 +1424,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
-    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis, negative if a mirror shows what is
-                               behind the camera; 0 in lightmaps */
+    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis, negative if a mirror or an
+                               orthographic camera shows what is behind the camera; 0 in lightmaps */
     SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
     SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
     SBL_CHANNEL_ERROR,      /* 1: predicted standard error of luminance: of FINAL at pixel centres in pictures of scenes
@@ -2001,7 +2001,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>scene        the rooms above as one scene; GLSL that all shaders share
                   >>glow         surfaces whose bounced light is so bright that they are lamps
                   >>options      the descriptors of all front ends: options, defaults, checks
-   a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
+   a sensor       >>window       where the part of a picture or lightmap that is made lies in the whole
+                  >>atlas        finds the triangle that each texel of a lightmap shows
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
                   >>guide        sends rays in directions in which nearby rays have found light
@@ -2009,10 +2010,26 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>aim          rays towards lamps, and the sequences that all rays follow
                   >>raster       measures by drawing views, as the paper does
                   >>trace        measures by tracing rays
-                  >>job          the core: takes sites, returns readings, by rays or by views
-   bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
+                  >>job          takes sites, returns readings, by rays or by views
+                  >>core         the device, the scene, the job and the statistics, which all rooms below share
+   bounced light  >>bounce       the data and the stages of the work that fills the store
+                  >>cast         casts rays between surfaces
+                  >>cells        the cells of the store, their leaves, and the points of leaves
+                  >>contacts     cuts cells where objects stand on surfaces
+                  >>solution     the light of all leaves, with all bounces
+                  >>division     divides the leaves that cause most of the error
+                  >>bright       chooses leaves that are so bright that they become lamps
+                  >>uncertainty  the standard error of the light of leaves
+                  >>storing      sends the store to the GPU; begins and steps the work that fills it
                   >>saved        writes the store to a stream and reads it
-   a picture      >>refine       chooses the pixels that get sensors, interpolates, predicts the error
+   a picture      >>refine       the data and the stages of the work that places sensors
+                  >>interpolate  light between sensors, and its error
+                  >>tiles        tiles, and the sites of the sensors at their corners
+                  >>places       hidden texels, and the positions from which their sensors look
+                  >>scouts       makes guides from rays of scouts
+                  >>weigh        predicts errors; buys splits of tiles, and looks of sensors
+                  >>rounds       runs the rounds of a refinement
+                  >>fill         light at all pixels, layer by layer
                   >>filter       smooths R
                   >>resolve      composition and anti-aliasing
                   >>gutters      continues the light of charts into the texels around them
@@ -2022,7 +2039,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>reflections  light that specular lobes reflect to the camera
                   >>picture      pictures
                   >>lightmap     lightmaps
-                  >>windows      gutters and seams of a lightmap that was baked in windows
+                  >>joining      gutters and seams of a lightmap that was baked in windows
                   >>gather       readings at any points
                   >>vertices     light at vertices, fitted to points on triangles
                   >>probes       light at points in the air
@@ -2041,24 +2058,24 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    runs the tests of one room by name, for example scripts/test lights.
 
    a shadow of a lamp is wrong or noisy                       >>aim (lamps.glsl), then >>lamps
-   a shadow is missing, or its edge is coarse                 >>refine: no sensor was placed there
+   a shadow is missing, or its edge is coarse                 >>weigh: no sensor was placed there
    light leaks through a wall: from lamps or sky              >>trace, >>bvh
-   light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
-   bounced light is patchy, too bright or too dark            >>bounce
-   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bounce
+   light leaks through or under a wall: bounced light         >>store, >>cells, >>contacts
+   bounced light is patchy, too bright or too dark            >>cells, >>solution, >>division
+   bright specks, or grain                                    >>guide, >>trace, mirrored.glsl; in GI also >>bright
    dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
    facets, or wrong normals                                   >>surface (facet_limit), >>geometry
-   light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
+   light is blurred across an edge                            >>filter, >>refine (belongs.glsl), >>interpolate
    edges of objects are jagged                                >>resolve
    wrong colours or texture coordinates                       >>textures, >>geometry
    a wrong sky                                                >>environment
    a highlight, a mirror or a pane is wrong                   >>reflections, >>surface (points), >>material
    a lightmap has visible seams, or dark borders              >>seams, >>gutters
-   a lightmap shows wrong charts, or hidden texels            >>atlas, >>refine
+   a lightmap shows wrong charts, or hidden texels            >>atlas, >>places
    light at vertices, or of probes, is wrong                  >>vertices, >>probes
    pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
-   the predicted error is wrong                               >>refine; the error of stored light: >>bounce
-   the target error is missed or takes too long               >>refine (rounds), >>guide
+   the predicted error is wrong                               >>weigh, >>fill; the error of stored light: >>uncertainty
+   the target error is missed or takes too long               >>weigh, >>rounds, >>guide
    a slow picture: see sbl_stats.seconds                      the room of the largest number
    one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
@@ -2106,7 +2123,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    batch        sbl__batch        >>batch               looks that are measured together
    slot                                                 the place of a look of a batch in the textures of its results
    layer                                                layer 0 of light is R, others are harmonics or light groups
-   guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
+   guide        sbl__guide        >>guide >>scouts >>tiles  a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
    spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
@@ -2128,10 +2145,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
-       its functions and its table of stages, in which a loop over many items is a row with iterate and count. The
-       stages call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then
-       for each job a loop that makes its sites, and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and
-       declare the descriptor and the two functions in the interface.
+       its functions and its table of stages (see >>device: stages). The stages call sbl__work_prepare (hierarchy,
+       lamps, store), sbl__work_make_task (how to measure, and memory), then for each job a loop that makes its sites,
+       and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions
+       in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -4073,14 +4090,21 @@ static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units
 /* >>device: stages. Long work is a list of stages, and each stage is done in pieces that fit into a slice. A table has
    one row per stage, in the order of execution. A stage is a function `piece`, which does one piece per call, or a
    loop, which calls `iterate` for each of many small items. A loop may have a `piece` too, which runs whenever the loop
-   starts or continues. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+   starts or continues.
+
+   Where functions refer to stages by name, the room begins with a list of its stages, SBL__..._STAGES(X), which has an
+   element X(name, piece, iterate, count, next) for each stage. From this list, SBL__STAGE_NAME makes the enum of the
+   names, and SBL__STAGE_ROW makes the table. To add a stage, add an element. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does a piece; SBL_UNFINISHED: call it again. May be NULL */
-    int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
     sbl_result (*iterate)(void *work, int at);           /* does iteration `at` of a loop; NULL: the stage is no loop */
     int (*count)(void *work);                            /* returns the number of iterations of the loop; called again
                                                             before each iteration */
+    int (*next)(void *work);                             /* returns the index of the next stage; NULL: the next row */
 } sbl__stage_row;
+
+#define SBL__STAGE_NAME(name, piece, iterate, count, next) name,
+#define SBL__STAGE_ROW(name, piece, iterate, count, next) { piece, iterate, count, next },
 
 /* the progress of staged work */
 typedef struct sbl__stages {
@@ -5239,8 +5263,8 @@ static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; 
 /* Does a piece of the work. Returns SBL_SUCCESS if all rings up to r->last have values, SBL_UNFINISHED before. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__ring_source, sbl__rings_things },
-        { NULL, NULL, sbl__ring_next, sbl__rings_queued }
+        { NULL, sbl__ring_source, sbl__rings_things, NULL },
+        { NULL, sbl__ring_next, sbl__rings_queued, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -5253,8 +5277,13 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 
 #define SBL__SOLVER_ROUNDS 1000  /* maximum number of iterations */
 
-enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
-       SBL__SOLVER_DONE };
+#define SBL__SOLVER_STAGES(X) \
+    X(SBL__SOLVER_START, NULL, sbl__solver_unknown, sbl__solver_unknowns, sbl__solver_after_start) \
+    X(SBL__SOLVER_TURN, NULL, sbl__solver_unknown, sbl__solver_unknowns, NULL) \
+    X(SBL__SOLVER_MULTIPLY, NULL, sbl__solver_term, sbl__solver_terms, NULL) \
+    X(SBL__SOLVER_DOT, NULL, sbl__solver_unknown, sbl__solver_unknowns, NULL) \
+    X(SBL__SOLVER_ADVANCE, NULL, sbl__solver_unknown, sbl__solver_unknowns, sbl__solver_after_advance)
+enum { SBL__SOLVER_STAGES(SBL__STAGE_NAME) SBL__SOLVER_DONE };
 
 /* Scalars of a system (see sbl__solver.together):
    power, next_power  residual . preconditioned residual, before and after an iteration
@@ -5381,13 +5410,7 @@ static int sbl__solver_after_advance(void *work) {
 
 /* Does a piece. Returns SBL_SUCCESS when solved or after SBL__SOLVER_ROUNDS; the next call starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, NULL, sbl__solver_term, sbl__solver_terms },
-        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns }
-    };
+    static const sbl__stage_row table[] = { SBL__SOLVER_STAGES(SBL__STAGE_ROW) };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (result != SBL_SUCCESS) return result;
     memset(&s->stages, 0, sizeof s->stages);
@@ -6351,7 +6374,7 @@ static float sbl__box_area(const sbl__box *b) {
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
 /* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
-   element of sbl__bvh.children whose last word receives the index of the node */
+   element of sbl__bvh_building.children whose last word receives the index of the node */
 typedef struct sbl__bvh_task {
     int first, count, depth, child;
     sbl__grid_node grid;
@@ -6371,9 +6394,17 @@ typedef struct sbl__bvh_split {
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
 typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__bvh_node_cost;
 
-enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
+#define SBL__BVH_STAGES(X) \
+    X(SBL__BVH_BOXES, NULL, sbl__bvh_box, sbl__bvh_all_triangles, sbl__bvh_after_boxes) \
+    X(SBL__BVH_COUNT, NULL, sbl__bvh_chunk, sbl__bvh_chunks, sbl__bvh_choose) \
+    X(SBL__BVH_PART, NULL, sbl__bvh_chunk, sbl__bvh_chunks, NULL) \
+    X(SBL__BVH_NODE, sbl__bvh_end_task, NULL, NULL, sbl__bvh_next_task) \
+    X(SBL__BVH_COSTS, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes, NULL) \
+    X(SBL__BVH_TRIANGLES, sbl__bvh_triangles, NULL, NULL, NULL) \
+    X(SBL__BVH_NODES, sbl__bvh_nodes, NULL, NULL, NULL)
+enum { SBL__BVH_STAGES(SBL__STAGE_NAME) SBL__BVH_DONE };
 
-typedef struct sbl__bvh {        /* data for building the hierarchy */
+typedef struct sbl__bvh_building {  /* data for building the hierarchy */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
@@ -6386,7 +6417,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
     sbl__triangle records[SBL__UPLOAD_CHUNK / sizeof(sbl__triangle)];  /* a piece of an upload */
-} sbl__bvh;
+} sbl__bvh_building;
 
 typedef struct sbl__hierarchy {
     int ready;
@@ -6397,10 +6428,10 @@ typedef struct sbl__hierarchy {
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* indices of triangles in the scene, leaf after leaf, or SBL__BVH_DROPPED */
-    sbl__bvh *building;          /* NULL: the hierarchy is not being built */
+    sbl__bvh_building *building; /* NULL: the hierarchy is not being built */
 } sbl__hierarchy;
 
-static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
+static void sbl__bvh_free(const sbl__device *d, sbl__bvh_building *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
     sbl__free(d->base, b->boxes);
@@ -6427,18 +6458,18 @@ static void sbl__bvh_bounds_add(sbl__bvh_bounds *bounds, const sbl__box *box) {
 }
 
 /* Returns the bin of a triangle's box along an axis. */
-static int sbl__bvh_bin(const sbl__bvh *b, const sbl__box *box, int axis) {
+static int sbl__bvh_bin(const sbl__bvh_building *b, const sbl__box *box, int axis) {
     return (int)((box->low[axis] + box->high[axis] - b->task.bounds.centroids.low[axis]) * b->split.scale[axis]);
 }
 
 static int sbl__bvh_chunks(void *work) {
-    return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
+    return (((sbl__bvh_building *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
 /* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
    task (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     uint32_t *order = b->hierarchy->order;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
@@ -6464,7 +6495,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
 
 /* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART, or SBL__BVH_NODE without a split. */
 static int sbl__bvh_choose(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
@@ -6535,7 +6566,7 @@ static int sbl__bvh_is_passed(const sbl__geometry *g, uint32_t triangle) {
 
 /* Drops copies of triangles through which no ray passes: a copy has a higher index, and equal corners in the same
    order. Rays would test the copies, but never hit them. Reduces t->count. */
-static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
+static sbl_result sbl__bvh_drop_copies(const sbl__bvh_building *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
     uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
@@ -6563,7 +6594,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
    SBL__BVH_SAH_DEPTH, inserts a finer grid between node and parent. Returns SBL__BVH_COSTS if the stack is empty,
    otherwise SBL__BVH_COUNT. */
 static int sbl__bvh_next_task(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
@@ -6594,7 +6625,7 @@ static int sbl__bvh_next_task(void *work) {
 
 /* Writes the node of the current task after its split. Each part becomes a leaf or a new task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
     const int node = b->hierarchy->node_count++;
@@ -6633,7 +6664,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
     const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
-    sbl__bvh *b = (sbl__bvh *)sbl__alloc(d->base, 1, sizeof *b);
+    sbl__bvh_building *b = (sbl__bvh_building *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
     b->device = d;
@@ -6650,11 +6681,11 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
+static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh_building *)work)->geometry->triangle_count; }
 
 /* Adds a triangle, unless it is hidden from sensors. */
 static sbl_result sbl__bvh_box(void *work, int at) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->hierarchy->order[b->hierarchy->triangle_count++] = i;
@@ -6665,7 +6696,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
 
 /* Begins a task for all triangles, if the scene has any. Returns the next stage. */
 static int sbl__bvh_after_boxes(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
     if (h->triangle_count) {
@@ -6678,11 +6709,11 @@ static int sbl__bvh_after_boxes(void *work) {
     return sbl__bvh_next_task(b);
 }
 
-static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
+static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh_building *)work)->hierarchy->node_count - 1; }
 
 /* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. Goes backwards: parents come first. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     const sbl__bvh_node_cost *node = &b->costs[h->node_count - 1 - at];
     b->costs[node->parent].sum += node->sum;
@@ -6692,7 +6723,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
 
 /* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements from stages.at on. Advances
    stages.at. Returns SBL_UNFINISHED until the last piece, after which it attaches the table. */
-static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
+static sbl_result sbl__bvh_upload(sbl__bvh_building *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
     sbl_result result = SBL_SUCCESS;
@@ -6708,7 +6739,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
 
 /* Writes records for the next triangles, in the order of the leaves, and uploads them. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     const sbl__geometry *g = b->geometry;
     sbl__hierarchy *h = b->hierarchy;
     const int count = SBL__MIN(SBL__COUNT(b->records), h->triangle_count - b->stages.at);
@@ -6730,7 +6761,7 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
-    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
     (void)slice;
     return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
@@ -6738,15 +6769,7 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
 
 /* Builds and uploads the hierarchy, in slices. Returns SBL_SUCCESS if it is ready. After an error, a call restarts. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
-        { NULL, sbl__bvh_choose, sbl__bvh_chunk, sbl__bvh_chunks },
-        { NULL, NULL, sbl__bvh_chunk, sbl__bvh_chunks },
-        { sbl__bvh_end_task, sbl__bvh_next_task, NULL, NULL },
-        { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
-        { sbl__bvh_triangles, NULL, NULL, NULL },
-        { sbl__bvh_nodes, NULL, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__BVH_STAGES(SBL__STAGE_ROW) };
     const double start = sbl__now();
     sbl_result result = SBL_SUCCESS;
     if (h->ready) return SBL_SUCCESS;
@@ -7069,7 +7092,7 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
                                          fraction of its value at the outer cone */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamps.clusters: over 61 (curve bits) + log2(lamps at a
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: over 61 (curve bits) + log2(lamps at a
                                          point) */
 
 typedef struct sbl__lamp {
@@ -7093,13 +7116,13 @@ typedef struct sbl__plane {
     sbl__box bounds;
 } sbl__plane;
 
-typedef struct sbl__lamps {    /* data for building the lamp trees */
+typedef struct sbl__lamp_trees {  /* the lamp trees while they are built */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
-    struct sbl__lights *lights;
+    struct sbl__lamps *lamps;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
     sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
@@ -7112,13 +7135,12 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
     int depth;                 /* number of clusters on the stack */
     sbl__plane planes[SBL__PLANES];
     int plane_count;
-} sbl__lamps;
+} sbl__lamp_trees;
 
-/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees, which
-   sbl__lamps builds */
-typedef struct sbl__lights {
-    sbl_light *list;           /* copy of the host's lights; positions are the host's */
-    int count;
+/* The lamps of the scene as sensors use them: the host's lights, the glows, and one table with the lamp trees */
+typedef struct sbl__lamps {
+    sbl_light *lights;         /* copy of the host's lights; positions are the host's */
+    int light_count;
     sbl__glow *glows;
     int glow_count;
     int only_glows;            /* 1: the trees hold only the glows; 0: they hold all lamps */
@@ -7133,10 +7155,10 @@ typedef struct sbl__lights {
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__mirrored mirrored[SBL__MIRRORED_MOST];
     int mirrored_count;
-    sbl__lamps *building;
-} sbl__lights;
+    sbl__lamp_trees *building; /* NULL: the trees are not being built */
+} sbl__lamps;
 
-static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
+static void sbl__lamp_trees_free(const sbl__device *d, sbl__lamp_trees *l) {
     if (!l) return;
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
@@ -7145,9 +7167,9 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
     sbl__free(d->base, l);
 }
 
-static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
-    sbl__lamps_free(d, l->building);
-    sbl__free(d->base, l->list);
+static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
+    sbl__lamp_trees_free(d, l->building);
+    sbl__free(d->base, l->lights);
     sbl__free(d->base, l->glows);
     sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
@@ -7155,25 +7177,25 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
 }
 
 /* Sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
-static void sbl__lights_measure(sbl__lights *l, float brightest, float extent) {
+static void sbl__lamps_measure(sbl__lamps *l, float brightest, float extent) {
     int i;
     l->unit = brightest;
-    for (i = 0; i < l->count; i++) {
-        double intensity = sbl__max3(l->list[i].intensity);
-        if (l->list[i].kind != SBL_LIGHT_DIRECTIONAL) intensity = intensity / extent / extent;
+    for (i = 0; i < l->light_count; i++) {
+        double intensity = sbl__max3(l->lights[i].intensity);
+        if (l->lights[i].kind != SBL_LIGHT_DIRECTIONAL) intensity = intensity / extent / extent;
         l->unit = SBL__MAX(l->unit, (float)SBL__MIN(intensity, SBL__POWER_MOST));
     }
     l->unit = SBL__MAX(l->unit, 1e-30f);
 }
 
-/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lights_measure */
-static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
-                                   float brightest, float extent) {
-    l->count = count;
-    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
-    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
-    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
-    sbl__lights_measure(l, brightest, extent);
+/* Copies checked lights, and sets l->unit. brightest, extent: see sbl__lamps_measure */
+static sbl_result sbl__lamps_make(sbl__base *base, sbl__lamps *l, const sbl_light *lights, int count,
+                                  float brightest, float extent) {
+    l->light_count = count;
+    l->lights = (sbl_light *)sbl__alloc(base, (size_t)l->light_count, sizeof(sbl_light));
+    if (!l->lights) return SBL_ERROR_OUT_OF_MEMORY;
+    if (l->light_count) memcpy(l->lights, lights, (size_t)l->light_count * sizeof(sbl_light));
+    sbl__lamps_measure(l, brightest, extent);
     return SBL_SUCCESS;
 }
 
@@ -7195,7 +7217,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
 }
 
 /* Makes the lamp of a triangle. Does nothing if its front emits no light. index: in the hierarchy's order */
-static void sbl__lamp_of_triangle(const sbl__lamps *l, int index, sbl__lamp *lamp) {
+static void sbl__lamp_of_triangle(const sbl__lamp_trees *l, int index, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[index];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
@@ -7242,8 +7264,8 @@ static void sbl__light_write(const sbl_light *light, const float centre[3], sbl_
     record->spot_offset = (float)(spot ? outer * scale : 1);
 }
 
-static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
-    const sbl_light *light = &l->lights->list[number];
+static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *lamp) {
+    const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
@@ -7293,21 +7315,21 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
 }
 
 /* Returns the number of candidates. Their order: glows and, unless only_glows is 1, triangles, lights, texels. */
-static int sbl__lamps_candidates(void *work) {
-    const sbl__lamps *l = (const sbl__lamps *)work;
+static int sbl__lamp_trees_candidates(void *work) {
+    const sbl__lamp_trees *l = (const sbl__lamp_trees *)work;
     const sbl__environment *e = l->environment;
-    const int others = l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
-    return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
+    const int others = l->hierarchy->triangle_count + l->lamps->light_count + (e->pixels ? e->width * e->height : 0);
+    return l->lamps->glow_count + (l->lamps->only_glows ? 0 : others);
 }
 
 /* Adds candidate `at` to the list of lamps, unless it emits no light or is a texel below the limit. */
-static sbl_result sbl__lamps_add(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
-    const int texel = light - l->lights->count;
+static sbl_result sbl__lamp_trees_add(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
+    const int triangle = at - l->lamps->glow_count, light = triangle - l->hierarchy->triangle_count;
+    const int texel = light - l->lamps->light_count;
     sbl__lamp lamp;
     memset(&lamp, 0, sizeof lamp);
-    if (triangle < 0) sbl__lamp_of_glow(&l->lights->glows[at], at, &lamp);
+    if (triangle < 0) sbl__lamp_of_glow(&l->lamps->glows[at], at, &lamp);
     else if (light < 0) sbl__lamp_of_triangle(l, triangle, &lamp);
     else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
@@ -7317,11 +7339,11 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-static int sbl__lamps_count(void *work) { return ((const sbl__lamps *)work)->count; }
+static int sbl__lamp_trees_count(void *work) { return ((const sbl__lamp_trees *)work)->count; }
 
 /* Returns the index in the scene of a lamp's triangle. Returns SBL__NONE if the lamp is no triangle, or if rays may
    pass through it. */
-static uint32_t sbl__lamp_solid(const sbl__lamps *l, const sbl__lamp *lamp) {
+static uint32_t sbl__lamp_solid(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     const uint32_t at = lamp->code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (lamp->code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE) return SBL__NONE;
     return sbl__bvh_is_passed(l->geometry, l->hierarchy->order[at]) ? SBL__NONE : l->hierarchy->order[at];
@@ -7346,8 +7368,8 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 /* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
    triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
    stand for a surface with two sides. */
-static sbl_result sbl__lamps_drop_copy(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
     const uint32_t number = sbl__lamp_solid(l, lamp);
     uint32_t bucket = 0, found;
@@ -7372,9 +7394,9 @@ static sbl_result sbl__lamps_drop_copy(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Removes the lamps whose power is 0, see sbl__lamps_drop_copy. */
-static int sbl__lamps_compact(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
+/* Removes the lamps whose power is 0, see sbl__lamp_trees_drop_copy. */
+static int sbl__lamp_trees_compact(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     int i, kept = 0;
     for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
     l->count = kept;
@@ -7397,7 +7419,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
-static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
+static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
     for (k = 0; k < 3; k++) {
@@ -7410,8 +7432,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
 }
 
 /* Merges runs of l->width lamps, then runs twice as long, until one run remains. The sort is stable. */
-static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_sort(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
@@ -7431,7 +7453,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* Returns the index at which to split lamps low .. high: the first lamp in whose curve position the highest differing
    bit is set. Lamps with equal curve positions are split in the middle. */
-static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
+static int sbl__lamp_trees_split_index(const sbl__lamp_trees *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
     if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
@@ -7445,7 +7467,7 @@ static int sbl__lamps_split_index(const sbl__lamps *l, int low, int high) {
 
 /* Makes node `at` the root of the subtree over `count` lamps, from lamp `first` on. Returns the index of the node after
    the subtree. */
-static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
+static int sbl__lamp_trees_root(sbl__lamp_trees *l, int at, int first, int count) {
     if (!count) return at;
     l->nodes[at].first_leaf = (uint32_t)first;
     l->nodes[at].beyond = (uint32_t)(at + 2 * count - 1);
@@ -7453,23 +7475,24 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
 }
 
 /* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
-static int sbl__lamps_make_roots(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static int sbl__lamp_trees_make_roots(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     int near_count = 0;
     while (near_count < l->count && !l->list[near_count].distant) near_count++;
-    l->node_count = sbl__lamps_root(l, sbl__lamps_root(l, 0, 0, near_count), near_count, l->count - near_count);
+    l->node_count = sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, 0, 0, near_count), near_count,
+                                         l->count - near_count);
     return l->stages.stage + 1;
 }
 
-static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+static int sbl__lamp_trees_nodes(void *work) { return ((sbl__lamp_trees *)work)->node_count; }
 
 /* Makes the roots of a node's two subtrees, which follow the node in the array. */
-static sbl_result sbl__lamps_split(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_split(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
     if (end - first > 1) {
-        const int cut = sbl__lamps_split_index(l, first, end - 1);
-        sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
+        const int cut = sbl__lamp_trees_split_index(l, first, end - 1);
+        sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
 }
@@ -7521,8 +7544,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
    subtrees are on top of the stack, the left one uppermost. */
-static sbl_result sbl__lamps_sum(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_sum(void *work, int at) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const int number = l->node_count - 1 - at;
     sbl__lamp_node *node = &l->nodes[number];
     const sbl__lamp *lamp = &l->list[node->first_leaf];
@@ -7537,8 +7560,8 @@ static sbl_result sbl__lamps_sum(void *work, int at) {
 
 /* >>lamps: stages */
 
-static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_place(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__base *base = l->device->base;
     int i, k;
     (void)slice;
@@ -7557,15 +7580,15 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
 }
 
 /* Returns the index of the light group of a lamp, or 0 if the lamp is a glow. code: see sbl__lamp_leaf */
-static uint32_t sbl__lamp_layer(const sbl__lamps *l, uint32_t code) {
+static uint32_t sbl__lamp_layer(const sbl__lamp_trees *l, uint32_t code) {
     const uint32_t kind = code >> SBL__LAMP_KIND_SHIFT, at = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     if (kind == SBL__LAMP_TRIANGLE) return sbl__triangle_object(l->geometry, l->hierarchy->order[at])->layer;
     if (kind == SBL__LAMP_SKY_TEXEL) return (uint32_t)l->environment->layer;
-    return kind == SBL__LAMP_GLOW ? 0 : (uint32_t)l->lights->list[at].light_group;
+    return kind == SBL__LAMP_GLOW ? 0 : (uint32_t)l->lamps->lights[at].light_group;
 }
 
 /* Writes, for each glow and light group, the fraction of the glow's light that the group causes, as 4 floats. */
-static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
+static void sbl__lamps_write_shares(const sbl__lamps *l, float *out) {
     int i, g, k;
     for (i = 0; i < l->glow_count; i++, out += 4 * l->groups) {
         const float *light = l->leaf_layers + 3 * (size_t)l->groups * (size_t)l->glows[i].leaf;
@@ -7582,8 +7605,8 @@ static void sbl__lights_write_shares(const sbl__lights *l, float *out) {
    light. */
 
 static int sbl__planes_candidates(void *work) {
-    const sbl__lamps *l = (const sbl__lamps *)work;
-    return l->lights->only_glows ? 0 : l->geometry->triangle_count;
+    const sbl__lamp_trees *l = (const sbl__lamp_trees *)work;
+    return l->lamps->only_glows ? 0 : l->geometry->triangle_count;
 }
 
 /* Makes the plane of a triangle. Returns 0 if rays that hit the triangle do not follow a narrow lobe. Textures are
@@ -7619,7 +7642,7 @@ static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl
    triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation of Frequent
    and Top-k Elements in Data Streams"). */
 static sbl_result sbl__planes_add(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__plane plane, *p = l->planes;
     int i;
     if (!sbl__plane_of_triangle(l->geometry, (uint32_t)at, &plane)) return SBL_SUCCESS;
@@ -7639,33 +7662,35 @@ static sbl_result sbl__planes_add(void *work, int at) {
 }
 
 /* Returns the index of the first node after the subtree of node `at`. */
-static int sbl__lamps_beyond(const sbl__lamps *l, int at) { return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE); }
+static int sbl__lamp_trees_beyond(const sbl__lamp_trees *l, int at) {
+    return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE);
+}
 
 /* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
    power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
-static int sbl__mirrored_clusters(const sbl__lamps *l, int *nodes) {
+static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
     int count = 0, i, best = 0;
-    for (i = 0; i < l->node_count; i = sbl__lamps_beyond(l, i)) nodes[count++] = i;
+    for (i = 0; i < l->node_count; i = sbl__lamp_trees_beyond(l, i)) nodes[count++] = i;
     while (count < SBL__MIRRORED_CLUSTERS && best >= 0) {
         float most = 0;
         best = -1;
         for (i = 0; i < count; i++) {
             const sbl__lamp_node *n = &l->nodes[nodes[i]];
-            const int is_leaf = sbl__lamps_beyond(l, nodes[i]) == nodes[i] + 1;
+            const int is_leaf = sbl__lamp_trees_beyond(l, nodes[i]) == nodes[i] + 1;
             if (is_leaf || n[1].radius > SBL__MIRRORED_SHRINKS * n->radius || n->power * n->radius <= most) continue;
             most = n->power * n->radius;
             best = i;
         }
         if (best < 0) break;
         nodes[best]++;
-        nodes[count++] = sbl__lamps_beyond(l, nodes[best]);
+        nodes[count++] = sbl__lamp_trees_beyond(l, nodes[best]);
     }
     return count;
 }
 
 /* Mirrors a cluster of lamps at a plane. Returns about how much light the mirror reflects; 0: the lamps lie in the
    plane. */
-static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, const sbl__lamp_node *n,
+static double sbl__mirrored_make(const sbl__lamp_trees *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
     const int distant = (n->beyond & SBL__FAR_NODE) != 0;
     const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
@@ -7690,81 +7715,81 @@ static double sbl__mirrored_make(const sbl__lamps *l, const sbl__plane *plane, c
 }
 
 /* Mirrors all clusters at all planes, and keeps those that reflect most light. */
-static int sbl__lamps_mirror(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    sbl__lights *lights = l->lights;
+static int sbl__lamp_trees_mirror(void *work) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
+    sbl__lamps *lamps = l->lamps;
     int nodes[SBL__MIRRORED_CLUSTERS], count = sbl__mirrored_clusters(l, nodes), i, j;
     double light[SBL__MIRRORED_MOST];
-    lights->mirrored_count = 0;
+    lamps->mirrored_count = 0;
     for (i = 0; i < l->plane_count * count; i++) {
         sbl__mirrored m;
         const double found = sbl__mirrored_make(l, &l->planes[i / count], &l->nodes[nodes[i % count]], &m);
         int least = 0;
         if (!(found > 0)) continue;
-        if (lights->mirrored_count < SBL__MIRRORED_MOST) {
-            least = lights->mirrored_count++;
+        if (lamps->mirrored_count < SBL__MIRRORED_MOST) {
+            least = lamps->mirrored_count++;
         } else {
             for (j = 1; j < SBL__MIRRORED_MOST; j++) if (light[j] < light[least]) least = j;
             if (light[least] >= found) continue;
         }
         light[least] = found;
-        lights->mirrored[least] = m;
+        lamps->mirrored[least] = m;
     }
     return l->stages.stage + 1;
 }
 
-static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
+    sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const sbl__device *d = l->device;
-    sbl__lights *lights = l->lights;
+    sbl__lamps *lamps = l->lamps;
     const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
     const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
-    const size_t records = sizeof(sbl__light_record) * (size_t)lights->count;
-    const size_t glows = sizeof(sbl__glow) * (size_t)lights->glow_count;
-    const size_t layers = 16 * (size_t)lights->groups * (size_t)lights->glow_count;
-    const size_t mirrored = sizeof(sbl__mirrored) * (size_t)lights->mirrored_count;
+    const size_t records = sizeof(sbl__light_record) * (size_t)lamps->light_count;
+    const size_t glows = sizeof(sbl__glow) * (size_t)lamps->glow_count;
+    const size_t layers = 16 * (size_t)lamps->groups * (size_t)lamps->glow_count;
+    const size_t mirrored = sizeof(sbl__mirrored) * (size_t)lamps->mirrored_count;
     const size_t bytes = nodes + leaves + records + glows + layers + mirrored;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     double place[3];
     int i;
     (void)slice;
-    sbl__free(d->base, lights->codes);
-    lights->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->codes);
-    if (all && lights->codes) {
+    sbl__free(d->base, lamps->codes);
+    lamps->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lamps->codes);
+    if (all && lamps->codes) {
         sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
         sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
-        lights->nodes = l->node_count;
-        lights->leaves = l->count;
-        lights->mixed = l->count > SBL__LAMPS;
+        lamps->nodes = l->node_count;
+        lamps->leaves = l->count;
+        lamps->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
         for (i = 0; i < l->count; i++) {
-            leaf[i].code = lights->codes[i] = l->list[i].code;
+            leaf[i].code = lamps->codes[i] = l->list[i].code;
             leaf[i].layer = sbl__lamp_layer(l, l->list[i].code);
-            lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
+            lamps->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
-        for (i = 0; i < lights->count; i++)
-            sbl__light_write(&lights->list[i], l->geometry->centre, &record[i], place);
-        if (glows) memcpy(all + nodes + leaves + records, lights->glows, glows);
-        if (layers) sbl__lights_write_shares(lights, (float *)(void *)(all + bytes - mirrored - layers));
-        if (mirrored) memcpy(all + bytes - mirrored, lights->mirrored, mirrored);
-        result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
-        if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
-        if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
+        for (i = 0; i < lamps->light_count; i++)
+            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], place);
+        if (glows) memcpy(all + nodes + leaves + records, lamps->glows, glows);
+        if (layers) sbl__lamps_write_shares(lamps, (float *)(void *)(all + bytes - mirrored - layers));
+        if (mirrored) memcpy(all + bytes - mirrored, lamps->mirrored, mirrored);
+        result = sbl__buffer_make(d, &lamps->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
+        if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lamps->table, SBL__GL_RGBA32UI, l->geometry->wide);
+        if (l->geometry->wide) sbl__buffer_delete(d, &lamps->table.buffer);
     }
     sbl__free(d->base, all);
     return result;
 }
 
 /* Sets the inputs of lamp.glsl. */
-static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
+static void sbl__lamps_bind(sbl__device *d, const sbl__lamps *l) {
     const int leaf = (int)sizeof(sbl__lamp_node) / 16 * l->nodes;
-    const int layers = leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count +
+    const int layers = leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->light_count +
                        (int)sizeof(sbl__glow) / 16 * l->glow_count;
     sbl__bind_table(d, "sbl_lamps", &l->table);
     sbl__set_int(d, "sbl_first_leaf", leaf);
     sbl__set_int(d, "sbl_first_light", leaf + l->leaves);
-    sbl__set_int(d, "sbl_first_glow", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->count);
+    sbl__set_int(d, "sbl_first_glow", leaf + l->leaves + (int)sizeof(sbl__light_record) / 16 * l->light_count);
     sbl__set_int(d, "first_glow_layer", layers);
     sbl__set_int(d, "sbl_first_mirrored", layers + l->groups * l->glow_count);
     sbl__set_int(d, "mirrored_count", l->mirrored_count);
@@ -7775,34 +7800,34 @@ static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
 
 /* Collects the lamps and builds their trees, in slices. The hierarchy must be ready. After an error, a call
    restarts. */
-static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
-                                   const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
+static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
+                                  const sbl__environment *e, sbl__lamps *lamps, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
-        { NULL, sbl__lamps_compact, sbl__lamps_drop_copy, sbl__lamps_count },
-        { sbl__lamps_place, NULL, NULL, NULL },
-        { sbl__lamps_sort, sbl__lamps_make_roots, NULL, NULL },
-        { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
-        { NULL, NULL, sbl__lamps_sum, sbl__lamps_nodes },
-        { NULL, sbl__lamps_mirror, sbl__planes_add, sbl__planes_candidates },
-        { sbl__lamps_store, NULL, NULL, NULL }
+        { NULL, sbl__lamp_trees_add, sbl__lamp_trees_candidates, NULL },
+        { NULL, sbl__lamp_trees_drop_copy, sbl__lamp_trees_count, sbl__lamp_trees_compact },
+        { sbl__lamp_trees_place, NULL, NULL, NULL },
+        { sbl__lamp_trees_sort, NULL, NULL, sbl__lamp_trees_make_roots },
+        { NULL, sbl__lamp_trees_split, sbl__lamp_trees_nodes, NULL },
+        { NULL, sbl__lamp_trees_sum, sbl__lamp_trees_nodes, NULL },
+        { NULL, sbl__planes_add, sbl__planes_candidates, sbl__lamp_trees_mirror },
+        { sbl__lamp_trees_store, NULL, NULL, NULL }
     };
-    sbl__lamps *l = lights->building;
+    sbl__lamp_trees *l = lamps->building;
     sbl_result result;
-    if (lights->ready) return SBL_SUCCESS;
+    if (lamps->ready) return SBL_SUCCESS;
     d->gl.doing = "storing lamps";
-    if (!l) lights->building = l = (sbl__lamps *)sbl__alloc(d->base, 1, sizeof *l);
+    if (!l) lamps->building = l = (sbl__lamp_trees *)sbl__alloc(d->base, 1, sizeof *l);
     if (!l) return SBL_ERROR_OUT_OF_MEMORY;
     l->device = d;
     l->geometry = g;
     l->hierarchy = h;
     l->environment = e;
-    l->lights = lights;
+    l->lamps = lamps;
     result = sbl__stages_run(&l->stages, table, SBL__COUNT(table), l, slice);
     if (result == SBL_UNFINISHED) return result;
-    lights->ready = result == SBL_SUCCESS;
-    sbl__lamps_free(d, l);
-    lights->building = NULL;
+    lamps->ready = result == SBL_SUCCESS;
+    sbl__lamp_trees_free(d, l);
+    lamps->building = NULL;
     return result;
 }
 
@@ -7814,10 +7839,10 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). At first,
-   all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A ray
-   that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves in
-   which the light varies are divided by further cuts.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
+   first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
+   ray that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves
+   in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -7828,7 +7853,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 typedef struct sbl__cell_bucket { uint32_t check, reference; } sbl__cell_bucket;
 
 /* A plane that divides a cell. sides: references (as in buckets) to the parts where dot(normal, position) is at most
-   `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division); 0:
+   `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>division); 0:
    because an object stands on the surface */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
@@ -8127,9 +8152,9 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
 
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
-        { NULL, NULL, sbl__patch_join, sbl__patching_triangles },
-        { NULL, NULL, sbl__patch_measure, sbl__patching_triangles }
+        { NULL, sbl__patch_weld, sbl__patching_vertices, NULL },
+        { NULL, sbl__patch_join, sbl__patching_triangles, NULL },
+        { NULL, sbl__patch_measure, sbl__patching_triangles, NULL }
     };
     return sbl__stages_step(&p->stages, table, SBL__COUNT(table), p, slice);
 }
@@ -8325,11 +8350,11 @@ typedef struct sbl__scene {
     sbl__geometry geometry;
     sbl__textures textures;
     sbl__environment environment;
-    sbl__lights lights;
+    sbl__lamps lamps;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
-                                   `lights`; empty if there are no glows */
+    sbl__lamps bright;          /* the lamps with the glows: the store's glows and, unless only_glows is 1, the lamps of
+                                   `lamps`; empty if there are no glows */
     struct sbl__glowing *glowing;  /* data for finding the glows; NULL: not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
@@ -8346,7 +8371,7 @@ typedef struct sbl__scene {
 #define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
 /* Measured limits for scenes whose light is correct up to rounding errors: smallest and largest diagonal, in world
-   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lights.unit. sbl__scene_warn logs a
+   units; largest absolute coordinate, in diagonals; smallest and largest sbl__lamps.unit. sbl__scene_warn logs a
    warning beyond them. */
 #define SBL__DIAGONAL_LEAST 5e-10
 #define SBL__DIAGONAL_MOST 6e9
@@ -8356,10 +8381,10 @@ typedef struct sbl__scene {
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
-    sbl__lights_free(d, &s->bright);
+    sbl__lamps_free(d, &s->bright);
     sbl__store_free(d, &s->store);
     sbl__hierarchy_free(d, &s->hierarchy);
-    sbl__lights_free(d, &s->lights);
+    sbl__lamps_free(d, &s->lamps);
     sbl__environment_free(d, &s->environment);
     sbl__textures_free(d, &s->textures);
     sbl__geometry_free(d, &s->geometry);
@@ -8397,11 +8422,11 @@ static void sbl__scene_write_materials(sbl__scene *s, const sbl_material *materi
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
-    const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
+    const double lamps = sbl__lamps_most(g, &s->environment, s->lamps.light_count), limit = c->max_texture_buffer_size;
     /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 8 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
+                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -8447,15 +8472,16 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     double shining = s->brightest;
     int i;
     if (!g->triangle_count) return;
-    for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
+    for (i = 0; i < s->lamps.light_count; i++)
+        shining = SBL__MAX(shining, (double)sbl__max3(s->lamps.lights[i].intensity));
     if (!(shining > 0))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
     sbl__scene_warn_size(base, g, 0);
-    if (shining > 0 && ((double)s->lights.unit < SBL__LIGHT_LEAST || (double)s->lights.unit > SBL__LIGHT_MOST))
+    if (shining > 0 && ((double)s->lamps.unit < SBL__LIGHT_LEAST || (double)s->lamps.unit > SBL__LIGHT_MOST))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the brightest light of the scene is %g (radiance, or "
                  "intensity / size^2); light is correct only from %g to %g: multiply all light by a factor",
-                 (double)s->lights.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
+                 (double)s->lamps.unit, SBL__LIGHT_LEAST, SBL__LIGHT_MOST);
 }
 
 /* Checks desc, and makes the scene except hierarchy, lamps and store, which are made on first use. On failure, s is
@@ -8489,8 +8515,8 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         sbl__scene_write_materials(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
         if (!s->draw) sbl__geometry_settle(d->base, &s->geometry);  /* the host draws in world space */
-        result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
-                                  s->geometry.extent);
+        result = sbl__lamps_make(d->base, &s->lamps, desc->lights, desc->light_count, s->brightest,
+                                 s->geometry.extent);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     d->gl.doing = "storing meshes";
@@ -8500,23 +8526,23 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
 }
 
 /* Returns the lamps that sensors measure: s->bright if `glows` is 1 and s->bright is ready and has glows, otherwise
-   s->lights. */
-static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
-    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
+   s->lamps. */
+static const sbl__lamps *sbl__scene_lamps(const sbl__scene *s, int glows) {
+    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lamps;
 }
 
 /* Frees the glows. They are found again on next use. */
 static void sbl__scene_glows_changed(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
     s->glowing = NULL;
-    sbl__lights_free(d, &s->bright);
+    sbl__lamps_free(d, &s->bright);
 }
 
 /* Marks lamps and store as out of date. They are made again on next use. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
-    sbl__lamps_free(d, s->lights.building);
-    s->lights.building = NULL;
-    s->lights.ready = s->store.ready = 0;
+    sbl__lamp_trees_free(d, s->lamps.building);
+    s->lamps.building = NULL;
+    s->lamps.ready = s->store.ready = 0;
     sbl__scene_glows_changed(d, s);
     s->version++;
 }
@@ -8536,7 +8562,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     const size_t count = (size_t)s->geometry.mesh_count;
     sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
-    sbl__lights others;
+    sbl__lamps others;
     sbl_result result;
     int i, differ = 0;
     if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
@@ -8544,8 +8570,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     memcpy(objects, before.geometry.objects, count * sizeof *objects);
     s->geometry.objects = objects;
     if (materials) sbl__scene_write_materials(s, materials);
-    result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
-                              s->geometry.extent);
+    result = sbl__lamps_make(d->base, &others, lights ? lights : s->lamps.lights, s->lamps.light_count, s->brightest,
+                             s->geometry.extent);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
@@ -8557,7 +8583,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
         result = sbl__geometry_attach_objects(d, &s->geometry);
     }
     if (result != SBL_SUCCESS) {
-        sbl__lights_free(d, &others);
+        sbl__lamps_free(d, &others);
         sbl__free(d->base, objects);
         *s = before;
         sbl__geometry_attach_objects(d, &s->geometry);
@@ -8566,8 +8592,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     for (i = 0; i < s->geometry.mesh_count; i++)
         differ |= sbl__reflection_differs(&before.geometry.objects[i], &objects[i]);
     sbl__free(d->base, before.geometry.objects);
-    sbl__lights_free(d, &s->lights);
-    s->lights = others;
+    sbl__lamps_free(d, &s->lamps);
+    s->lamps = others;
     if (differ) sbl__scene_changed(d, s);
     else sbl__scene_lamps_changed(d, s);
     return SBL_SUCCESS;
@@ -8598,7 +8624,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
         sbl__geometry_move(d, &s->geometry, mesh, before);
         sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
     } else if (sized) sbl__scene_warn_size(d->base, &s->geometry, 0);
-    sbl__lights_measure(&s->lights, s->brightest, s->geometry.extent);
+    sbl__lamps_measure(&s->lamps, s->brightest, s->geometry.extent);
     sbl__scene_changed(d, s);
     return result;
 }
@@ -8607,7 +8633,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
     if (result == SBL_SUCCESS)
-        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lights, slice);
+        result = sbl__lamps_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lamps, slice);
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) s->hierarchy.ready = 0;
     return result;
 }
@@ -8858,7 +8884,7 @@ static const char *const sbl__glsl_surface[] = {
 /* ======================================================================================================== >>glow
    Finds the glows: parts of surfaces that reflect so much light that sensors send rays to them, as they do to lamps. In
    a room that is lit by a spot of light on its ceiling, nearly all light comes from this small spot, and few of the
-   rays over the hemisphere hit it. >>bounce chooses the bright leaves of the store. This room clips the scene's
+   rays over the hemisphere hit it. >>bright chooses the bright leaves of the store. This room clips the scene's
    triangles by the cells of these leaves and by the cuts in them, so that glows cover exactly the surfaces where far
    rays read bright leaves. A glow emits the leaf's light times the albedo of the surface. Where rays over the
    hemisphere see a glow, shaders leave this light out (sbl_glowing in store.glsl). */
@@ -8922,7 +8948,7 @@ static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], doub
    bright. */
 static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf) {
     sbl__scene *s = w->scene;
-    sbl__lights *l = &s->bright;
+    sbl__lamps *l = &s->bright;
     const float *light = s->store.leaves[leaf].light;
     const sbl__object *object = sbl__triangle_object(&s->geometry, s->hierarchy.order[w->index]);
     const int back = ((w->patch ^ s->store.patches[s->hierarchy.order[w->index]]) & SBL__PATCH_BACK) != 0;
@@ -9075,9 +9101,9 @@ static sbl_result sbl__glow_side(void *work, int at) {
 static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     sbl__glowing *w = (sbl__glowing *)work;
     sbl__scene *s = w->scene;
-    sbl__lights *l = &s->bright;
-    const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lights.leaves -
-                          (double)sizeof(sbl__light_record) / 16 * s->lights.count;
+    sbl__lamps *l = &s->bright;
+    const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lamps.leaves -
+                          (double)sizeof(sbl__light_record) / 16 * s->lamps.light_count;
     const double each = 9 + (double)sizeof(sbl__glow) / 16 + s->light_groups;
     const double room = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
     const int most = (int)SBL__MAX(SBL__MIN(room, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
@@ -9101,7 +9127,7 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__glow_side, sbl__glow_sides },
+        { NULL, sbl__glow_side, sbl__glow_sides, NULL },
         { sbl__glow_limit, NULL, NULL, NULL }
     };
     sbl__glowing *w = s->glowing;
@@ -9111,8 +9137,8 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
         if (!w) return SBL_ERROR_OUT_OF_MEMORY;
         w->device = d;
         w->scene = s;
-        result = sbl__lights_make(d->base, &s->bright, s->lights.list, s->lights.count, s->brightest,
-                                  s->geometry.extent);
+        result = sbl__lamps_make(d->base, &s->bright, s->lamps.lights, s->lamps.light_count, s->brightest,
+                                 s->geometry.extent);
         s->bright.leaf_layers = s->store.layers;
         s->bright.groups = s->light_groups;
     }
@@ -9120,19 +9146,19 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
 }
 
 /* Makes s->bright, in slices: the glows of a store whose light is known, and lamp trees. Does nothing if the store has
-   no bright cells, or if s->bright is ready with the same `only`. The hierarchy and s->lights must be ready. Frees
+   no bright cells, or if s->bright is ready with the same `only`. The hierarchy and s->lamps must be ready. Frees
    s->bright on an error. only: 1: the trees hold only glows; 0: they hold all lamps of the scene */
 static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
     d->gl.doing = "storing bright surfaces";
-    if (!s->bright.list || s->glowing) result = sbl__glow_find(d, s, slice);
+    if (!s->bright.lights || s->glowing) result = sbl__glow_find(d, s, slice);
     if (result == SBL_SUCCESS) {
         sbl__free(d->base, s->glowing);
         s->glowing = NULL;
         if (!s->bright.building) s->bright.ready = 0;
         s->bright.only_glows = only;
-        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
+        result = sbl__lamps_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
     }
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) sbl__scene_glows_changed(d, s);
     return result;
@@ -9274,86 +9300,6 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 }
 
 #define SBL__MAX_SIZE 16384     /* maximum width and height of a picture or lightmap, in working pixels */
-
-/* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
-   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
-   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
-   x and y in working pixels. */
-typedef struct sbl__window {
-    int whole[2];               /* size of the whole picture */
-    int first[2], size[2];      /* the working grid: position in the whole picture, and size */
-    int inset[2], shown[2];     /* the window: position in the working grid, and size */
-    int margin;                 /* errors count up to this many pixels outside the window */
-    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
-} sbl__window;
-
-#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
-                                   resolve.glsl */
-
-/* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
-static sbl__window sbl__window_of(const sbl_picture_desc *d) {
-    sbl__window w;
-    int k;
-    w.whole[0] = d->width;
-    w.whole[1] = d->height;
-    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
-    w.has_ring = d->price > 0;
-    for (k = 0; k < 2; k++) {
-        const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
-        /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
-        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
-        w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
-        w.inset[k] = from - w.first[k];
-        w.shown[k] = to - from;
-    }
-    return w;
-}
-
-/* Returns the descriptor of the working grid: its size, and its part of the projection. */
-static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
-    sbl_picture_desc part = *d;
-    float *m = part.view_to_clip;
-    int i, k;
-    part.width = w->size[0];
-    part.height = w->size[1];
-    for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
-        /* scales and shifts normalised device coordinates, in which y points up */
-        const double scale = (double)w->whole[k] / w->size[k];
-        const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
-        for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
-    }
-    return part;
-}
-
-static int sbl__window_is_whole(const sbl__window *w) {
-    return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
-}
-
-/* Returns 1 if pixel (x, y) of the working grid is in the window, or at most `margin` pixels outside it. */
-static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
-    return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
-           y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
-}
-
-/* Returns 1 if the window shows pixel (x, y) of the working grid. */
-static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
-
-/* Returns 1 if the error of pixel (x, y) of the working grid counts: the window shows the pixel, or the filter or
-   anti-aliasing may read it for a pixel that the window shows. */
-static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
-
-/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
-   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
-static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
-    const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
-    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
-    int k, touches = 1;
-    for (k = 0; k < 2; k++)
-        touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
-    return touches;
-}
 
 /* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
@@ -9704,6 +9650,89 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     }
     sbl__check_rest(&check, "sbl_probes_desc", "probes", wrong);
     return sbl__check_end(&check);
+}
+
+/* ======================================================================================================== >>window
+   Where a part of a picture or lightmap, its window, lies in the whole, and which pixels around it are made, too. */
+
+/* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
+   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
+   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
+   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
+   x and y in working pixels. */
+typedef struct sbl__window {
+    int whole[2];               /* size of the whole picture */
+    int first[2], size[2];      /* the working grid: position in the whole picture, and size */
+    int inset[2], shown[2];     /* the window: position in the working grid, and size */
+    int margin;                 /* errors count up to this many pixels outside the window */
+    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
+} sbl__window;
+
+#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+                                   resolve.glsl */
+
+/* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
+static sbl__window sbl__window_of(const sbl_picture_desc *d) {
+    sbl__window w;
+    int k;
+    w.whole[0] = d->width;
+    w.whole[1] = d->height;
+    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    w.has_ring = d->price > 0;
+    for (k = 0; k < 2; k++) {
+        const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
+        /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
+        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
+        w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
+        w.inset[k] = from - w.first[k];
+        w.shown[k] = to - from;
+    }
+    return w;
+}
+
+/* Returns the descriptor of the working grid: its size, and its part of the projection. */
+static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
+    sbl_picture_desc part = *d;
+    float *m = part.view_to_clip;
+    int i, k;
+    part.width = w->size[0];
+    part.height = w->size[1];
+    for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
+        /* scales and shifts normalised device coordinates, in which y points up */
+        const double scale = (double)w->whole[k] / w->size[k];
+        const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
+        for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
+    }
+    return part;
+}
+
+static int sbl__window_is_whole(const sbl__window *w) {
+    return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
+}
+
+/* Returns 1 if pixel (x, y) of the working grid is in the window, or at most `margin` pixels outside it. */
+static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
+    return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
+           y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
+}
+
+/* Returns 1 if the window shows pixel (x, y) of the working grid. */
+static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
+
+/* Returns 1 if the error of pixel (x, y) of the working grid counts: the window shows the pixel, or the filter or
+   anti-aliasing may read it for a pixel that the window shows. */
+static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
+
+/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
+   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
+static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
+    const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
+    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
+    int k, touches = 1;
+    for (k = 0; k < 2; k++)
+        touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
+    return touches;
 }
 
 /* ======================================================================================================== >>atlas
@@ -10276,17 +10305,17 @@ static sbl_result sbl__atlas_mark_row(void *work, int row) {
    sbl__atlas_warn_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
-        { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
-        { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
+        { NULL, sbl__atlas_weld, sbl__atlas_vertices, NULL },
+        { NULL, sbl__atlas_join, sbl__atlas_triangles, NULL },
+        { NULL, sbl__atlas_number, sbl__atlas_vertices, NULL },
         { sbl__atlas_draw, NULL, NULL, NULL },
         { sbl__atlas_mark_begin, NULL, NULL, NULL },
-        { NULL, NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices },
-        { NULL, NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles },
-        { NULL, NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles },
-        { NULL, NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits },
+        { NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices, NULL },
+        { NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles, NULL },
+        { NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles, NULL },
+        { NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits, NULL },
         { sbl__atlas_mark_end, NULL, NULL, NULL },
-        { NULL, NULL, sbl__atlas_mark_row, sbl__atlas_lines }
+        { NULL, sbl__atlas_mark_row, sbl__atlas_lines, NULL }
     };
     return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
 }
@@ -10704,7 +10733,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction\n",
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
-"const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration\n",
+"const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
 "const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
@@ -10860,39 +10889,47 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));\n",
 "}\n",
 "\n",
+"// The ray that sbl_follow traces next\n",
+"const int SBL_CAMERA_RAY = 0, SBL_ASIDE_RAY = 1, SBL_NEXT_RAY = 2;\n",
+"\n",
 "// Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by\n",
-"// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the\n",
-"// surface that it hits.\n",
+"// the surface that the last ray hits. Each iteration traces one ray. If the camera ray misses the triangle, it is\n",
+"// traced first, and s becomes the surface that it hits. At each mirror or pane, the ray `aside` is traced until it\n",
+"// ends, then the ray `next`, which leads to the next mirror or pane. Drivers compile a copy of sbl_trace for each\n",
+"// call, so all rays share one call.\n",
 "sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {\n",
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);\n",
 "    sbl_Leaving next, aside;\n",
-"    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);\n",
+"    int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;\n",
+"    bool goes_on = true;\n",
 "    int hits = 0;     // number of surfaces at which the ray `aside` has gone on\n",
 "    int panes = 0;    // number of panes that the ray `next` has passed\n",
-"    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of\n",
-"    // sbl_trace for each call, so both rays share one call.\n",
-"    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {\n",
-"        bool is_aside = (iteration & 1) == 0 && !is_camera;\n",
-"        vec2 point = fract(sample_point + float(iteration + hits) * SBL_POINT_STEP);\n",
+"    int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes\n",
+"    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {\n",
+"        bool is_aside = turn == SBL_ASIDE_RAY;\n",
+"        int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;\n",
+"        vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);\n",
 "        if (is_aside && hits == 0) {\n",
 "            bool pane;\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
 "            goes_on = next.weight != vec3(0);\n",
-"            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror\n",
+"            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror\n",
 "            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)\n",
 "                sbl_show_stored(m, s, m.number, true, vec3(1));\n",
 "            if (goes_on) m.emission += m.throughput * s.emission;\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
 "        if (is_aside) ray = aside;\n",
-"        if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));\n",
-"        if (ray.weight == vec3(0)) continue;\n",
+"        if (turn == SBL_CAMERA_RAY) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));\n",
+"        if (ray.weight == vec3(0)) {  // only the ray `aside` may be missing: without `next`, the loop ends\n",
+"            turn = SBL_NEXT_RAY;\n",
+"            continue;\n",
+"        }\n",
 "        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
-"        if (is_camera) {\n",
+"        if (turn == SBL_CAMERA_RAY) {\n",
 "            sbl_correct(s, m, hit, origin, direction);\n",
 "            goes_on = m.number >= 0;\n",
-"            is_camera = false;\n",
-"            iteration--;\n",
+"            turn = SBL_ASIDE_RAY;\n",
 "            continue;\n",
 "        }\n",
 "        bool is_sky = hit.triangle < 0;\n",
@@ -10910,12 +10947,13 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (hits > 0) {\n",
 "            m.emission += m.throughput * ray.weight * found.emission;\n",
 "            aside = further;\n",
-"            iteration--;  // the same iteration is repeated for `further`\n",
-"            continue;\n",
+"            continue;  // it is the turn of `further`\n",
 "        }\n",
 "        if (is_aside && !is_sky) light = found.emission;\n",
 "        m.emission += m.throughput * ray.weight * light;\n",
+"        turn = is_aside ? SBL_NEXT_RAY : SBL_ASIDE_RAY;\n",
 "        if (is_aside) continue;\n",
+"        mirrors++;\n",
 "        m.direction = ray.direction;\n",
 "        m.throughput *= ray.weight;\n",
 "        m.sky = is_sky;\n",
@@ -11512,7 +11550,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 /* ======================================================================================================== >>guide
    Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
    a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
-   >>refine traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
+   >>scouts traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
    A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
    found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
    distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
@@ -14252,7 +14290,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);  /* without glows: paths add the light of glows where
+    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: paths add the light of glows where
                                                                       they hit them */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
@@ -14317,10 +14355,15 @@ typedef struct sbl__task {
 
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
-typedef enum sbl__job_stage {
-    SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE, SBL__JOB_READ,
-    SBL__JOB_DONE
-} sbl__job_stage;
+#define SBL__JOB_STAGES(X) \
+    X(SBL__JOB_SETUP, sbl__job_setup, NULL, NULL, NULL) \
+    X(SBL__JOB_WEIGH, sbl__job_weigh, NULL, NULL, NULL) \
+    X(SBL__JOB_COMPILE, sbl__job_compile, NULL, NULL, NULL) \
+    X(SBL__JOB_DRAW, sbl__job_draw, NULL, NULL, sbl__job_next) \
+    X(SBL__JOB_AIM, sbl__job_aim, NULL, NULL, NULL) \
+    X(SBL__JOB_REDUCE, sbl__job_reduce, NULL, NULL, sbl__job_next) \
+    X(SBL__JOB_READ, sbl__job_read, NULL, NULL, sbl__job_next)
+enum { SBL__JOB_STAGES(SBL__STAGE_NAME) SBL__JOB_DONE };
 
 typedef struct sbl__job {
     sbl__stages stages;
@@ -14783,12 +14826,12 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
-    const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
+    const sbl__lamps *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
-    sbl__lights_bind(d, l);
+    sbl__lamps_bind(d, l);
     sbl__set_int(d, "rays", b->spec->lamp_rays);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
@@ -15050,15 +15093,7 @@ static int sbl__job_next(void *work) {
 
 /* Does one piece of bounded duration. Returns SBL_UNFINISHED until all readings are written, then SBL_SUCCESS. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__job_setup, NULL, NULL, NULL },
-        { sbl__job_weigh, NULL, NULL, NULL },
-        { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_next, NULL, NULL },
-        { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_next, NULL, NULL },
-        { sbl__job_read, sbl__job_next, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__JOB_STAGES(SBL__STAGE_ROW) };
     sbl_result result;
     j->device = d;
     result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
@@ -15076,7 +15111,9 @@ static float sbl__job_progress(const sbl__job *j) {
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
-/* >>job: the part of a context that all front ends (pictures, gathers and others) share */
+/* ======================================================================================================== >>core
+   The part of a context that all rooms below share: the device, the scene, the job and the statistics. */
+
 typedef struct sbl__core {
     sbl__base base;
     sbl_context_desc desc;
@@ -15114,114 +15151,40 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Rays from samples of all surfaces find the positions that surfaces see, and these
-   become points. Each leaf gets up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
-   become points of other leaves, until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the
-   store has too many leaves, or too few, the work begins again with cells of another size. If it has too few, small
-   triangles get samples, too.
+   Fills the store of bounced light. This room declares the data and the stages of this work. The rooms from >>cast to
+   >>storing do the work. Of all their functions, later rooms call only sbl__bounce_step, sbl__bounce_progress and
+   sbl__bounce_end.
+
+   Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
+   SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
+   until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the store has too many leaves, or
+   too few, the work begins again with cells of another size. If it has too few, small triangles get samples, too.
 
    Ray r of leaf i hits leaf j, which reflects the fraction a of its light, so that R_i = L_i + mean over r of a * R_j,
    where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
    are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
-   random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
-   gathered there. A second part of the uncertainty is the variation of the light within near cells.
+   The stages, see SBL__BOUNCE_STAGES, and the rooms of their functions; braces mark what is repeated until nothing is
+   new:
 
-   Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
-   object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
-   a flat surface cuts all cells along its contact line.
+       >>cells, >>contacts PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
+       >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
+       >>division          SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
+       >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
+       >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
+       >>storing           LAMPS -> SEND -> AIR */
 
-   The stages, which are the rows of sbl__bounce_stages; braces mark what is repeated until nothing is new:
-
-       cells and points   PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
-       light of lamps     RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT
-       all bounces        { GATHER }
-       division           SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
-       light groups       LAYERS -> { LAYERS_GATHER }
-       glows              SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
-       uncertainty        NOISE -> { PROPAGATE } -> UNCERTAINTY -> LAYERS_SCALE
-       the end            LAMPS -> SEND -> AIR */
-
-/* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
-#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
-#define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the fill
-                                      by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
-#define SBL__FILL_WIDER 0.6        /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
-#define SBL__FILL_WIDEST 0.8       /* at this fill or more, new leaves belong to cells of level 2 */
-#define SBL__FILL_FULL 0.95        /* at this fill or more, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* maximum fill by leaves on black surfaces in the last attempt, which comes after
-                                      the size of cells is found */
-#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
-                                                                              least reflecting / area if that is less.
-                                                                              Cells of the widest level are then as long
-                                                                              as level-0 cells with growth 1 */
-#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
-#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
-                                      cells shrink even if the last shrinking did not double the number of leaves that
-                                      rays hit */
-#define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
-                                      which no leaf is left stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* surfaces that are not black get, on average, at least this many positions of
-                                          surface samples per area of a cell of the level sbl__store.unseen_level */
-#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
-                                         get cells of the widest level, otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
-                                             that are too small to get a surface sample by area get one, too */
 #define SBL__BOUNCE_SAMPLE_RAYS 4  /* number of rays of a surface sample */
 #define SBL__BOUNCE_POINTS 4       /* maximum number of points of a leaf before rounds of division */
-#define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
-                                      the length of a level-0 cell add points; shorter rays, as inside a lamp's
-                                      bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_RAYS 16        /* number of rays of a point */
 #define SBL__BOUNCE_AHEAD 16       /* a loop prefetches what it will read this many iterations later; a power of two */
-#define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated memory for filling the store, in bytes per cell of
                                       sbl__store.max_leaves */
 #define SBL__BOUNCE_GROUP_BYTES 136.0  /* additional bytes per cell for each light group */
-#define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>bounce: division */
-#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
-#define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
-#define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
-#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
-                                      a larger relative standard error */
-#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
-                                      albedo * (standard deviation of the light in its region) / (root mean square of
-                                      all light) */
-#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
-#define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
-#define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
-#define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
-#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
+#define SBL__DIVISIONS 2           /* maximum number of rounds of division, see >>division */
 #define SBL__BOUNCE_CONTACTS 8     /* number of contact rays of a leaf, which find objects that touch its surface */
-#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
-                                      both belong to one patch, which is smooth */
-#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
-#define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
-#define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
-#define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
-                                      is multiplied by one factor per channel, which speeds up convergence */
-#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
-                                      this fraction of all light, or less */
-#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
-                                      sbl__bounce_after_noise */
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
-                                         low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
-                                      multiplied by SBL__UNCERTAINTY_STRATA; the noise is too high where few rays all
-                                      hit one leaf */
-#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
-                                           errors of stored light in the rooms of examples/MEASUREMENTS.md */
 #define SBL__BOUNCE_TIME 0.35f     /* filling the store takes about this fraction of the time of readings, vertices and
                                       probes; >>map predicts the fraction for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
@@ -15229,16 +15192,6 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       measured at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine positions */
 #define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
-#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
-#define SBL__CAST_ROWS 64
-#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
-
-/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
-   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
-#define SBL__CAST(X) \
-    X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
-    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
-SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
@@ -15287,7 +15240,7 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
     int points;        /* number of points */
-    int most;          /* maximum number of points, see >>bounce: division */
+    int most;          /* maximum number of points, see >>division */
     int first;         /* index of the first point, which the others follow once points are sorted */
     int valid;         /* number of points with valid readings */
     int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf
@@ -15299,15 +15252,39 @@ typedef struct sbl__bounce_leaf {
     int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
-enum {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
-    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
-    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SPREAD,
-    SBL__BOUNCE_REGIONS, SBL__BOUNCE_SCORE, SBL__BOUNCE_DIVIDE, SBL__BOUNCE_LAYERS, SBL__BOUNCE_LAYERS_GATHER,
-    SBL__BOUNCE_SUM_FOUND, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE,
-    SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_LAYERS_SCALE, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
-    SBL__BOUNCE_DONE
-};
+#define SBL__BOUNCE_STAGES(X) \
+    X(SBL__BOUNCE_PATCHES, sbl__bounce_patches, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GRID, sbl__bounce_grid, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_SAMPLE, NULL, sbl__bounce_sample, sbl__bounce_triangles, NULL) \
+    X(SBL__BOUNCE_CAST_SAMPLES, sbl__bounce_cast_samples, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_PLACE, NULL, sbl__bounce_place, sbl__bounce_queued, sbl__bounce_after_place) \
+    X(SBL__BOUNCE_CAST_CONTACTS, sbl__bounce_cast_contacts, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_CUT, NULL, sbl__bounce_cuts, sbl__bounce_uncut_leaves, sbl__bounce_after_cuts) \
+    X(SBL__BOUNCE_CAST_POINTS, sbl__bounce_cast_points, NULL, NULL, sbl__bounce_after_cast_points) \
+    X(SBL__BOUNCE_RELOCATE, NULL, sbl__bounce_relocate, sbl__bounce_points, sbl__bounce_after_relocate) \
+    X(SBL__BOUNCE_SORT, NULL, sbl__bounce_sort, sbl__bounce_points, sbl__bounce_after_sort) \
+    X(SBL__BOUNCE_LINK, NULL, sbl__bounce_link, sbl__bounce_points, sbl__bounce_after_link) \
+    X(SBL__BOUNCE_SITES, sbl__bounce_allocate, sbl__bounce_site, sbl__bounce_points, sbl__bounce_after_sites) \
+    X(SBL__BOUNCE_LIGHT, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_light) \
+    X(SBL__BOUNCE_DIRECT, sbl__bounce_reads_make, sbl__bounce_direct, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_GATHER, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_gather) \
+    X(SBL__BOUNCE_SPREAD, sbl__bounce_spread_make, sbl__bounce_spread, sbl__bounce_points, NULL) \
+    X(SBL__BOUNCE_REGIONS, NULL, sbl__bounce_regions, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_SCORE, NULL, sbl__bounce_score, sbl__bounce_leaves, sbl__bounce_after_score) \
+    X(SBL__BOUNCE_DIVIDE, NULL, sbl__bounce_divide, sbl__bounce_leaves, sbl__bounce_after_divide) \
+    X(SBL__BOUNCE_LAYERS, sbl__bounce_layers_make, sbl__bounce_layers_direct, sbl__bounce_leaves, NULL) \
+    X(SBL__BOUNCE_LAYERS_GATHER, NULL, sbl__bounce_layers_gather, sbl__bounce_leaves, sbl__bounce_after_layers_gather) \
+    X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bounce_sum_found, sbl__bounce_points, NULL) \
+    X(SBL__BOUNCE_CHOOSE, sbl__bounce_choose, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GLOW, sbl__bounce_glow, NULL, NULL, sbl__bounce_after_glow) \
+    X(SBL__BOUNCE_NOISE, NULL, sbl__bounce_noise, sbl__bounce_leaves, sbl__bounce_after_noise) \
+    X(SBL__BOUNCE_PROPAGATE, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_propagate) \
+    X(SBL__BOUNCE_UNCERTAINTY, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves, sbl__bounce_after_uncertainty) \
+    X(SBL__BOUNCE_LAYERS_SCALE, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves, NULL) \
+    X(SBL__BOUNCE_LAMPS, sbl__bounce_lamps, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_SEND, sbl__bounce_send, NULL, NULL, sbl__bounce_after_send) \
+    X(SBL__BOUNCE_AIR, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_air)
+enum { SBL__BOUNCE_STAGES(SBL__STAGE_NAME) SBL__BOUNCE_DONE };
 
 /* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
    leaves; but rays of its points find surfaces whose light falls on the black surface, and these surfaces need
@@ -15316,7 +15293,7 @@ typedef enum sbl__black {
     SBL__BLACK_EQUAL,     /* black surfaces get leaves like other surfaces */
     SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
     SBL__BLACK_JOINED     /* last attempt, after the size of cells is found: black surfaces get leaves up to a fill of
-                             SBL__FILL_BLACK */
+                             SBL__STORE_FILL_BLACK */
 } sbl__black;
 
 typedef struct sbl__bounce {
@@ -15398,7 +15375,20 @@ typedef struct sbl__bounce {
     sbl__job job;
 } sbl__bounce;
 
-/* >>bounce: casting of rays on the GPU */
+/* ======================================================================================================== >>cast
+   Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
+   that the rays of points find by way of metal (sbl__bounce_point.shine). */
+
+#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
+#define SBL__CAST_ROWS 64
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
+
+/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
+   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
+#define SBL__CAST(X) \
+    X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
+    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
+SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
@@ -15519,7 +15509,7 @@ static sbl_result sbl__cast_use(sbl__device *d, const sbl__scene *scene) {
                                     : sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS || !metal) return result;
     sbl__environment_bind(d, &scene->environment);
-    sbl__lights_bind(d, &scene->lights);
+    sbl__lamps_bind(d, &scene->lamps);
     sbl__set_int(d, "lamps_apart", 1);
     sbl__set_float(d, "epsilon", 0);
     sbl__set_int(d, "sky_layer", scene->environment.layer);
@@ -15531,6 +15521,7 @@ static int sbl__cast_outputs(const sbl__scene *scene) {
     return !sbl__cast_has_metal(scene) ? 2 : scene->light_groups ? 4 : 3;
 }
 
+/* Casts `count` rays. Their hits are then in b->blocks.target. */
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
@@ -15629,7 +15620,46 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* >>bounce: hits that may become points */
+/* ======================================================================================================== >>cells
+   Makes the cells and leaves of the store, and the points of leaves: samples all surfaces, makes the rays of samples
+   and points, turns hits into points, and finds a size of cells that fills the store well. This room changes the cells
+   and leaves of the store, but not their light. */
+
+/* A fill is a number of leaves divided by the maximum number, sbl__store.max_leaves. */
+#define SBL__STORE_FILL_AIM 0.35   /* fill for which the first size of cells is chosen */
+#define SBL__STORE_FILL_FIRST 0.3  /* cells become larger if rays of surface samples alone cause a larger fill */
+#define SBL__STORE_FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by
+                                            x */
+#define SBL__STORE_FILL_LEAST 0.12 /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the
+                                      fill by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
+#define SBL__STORE_FILL_WIDER 0.6  /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
+#define SBL__STORE_FILL_WIDEST 0.8  /* at this fill or more, new leaves belong to cells of level 2 */
+#define SBL__STORE_FILL_FULL 0.95  /* at this fill or more, new leaves belong to cells of level 3 */
+#define SBL__STORE_FILL_BLACK 0.25 /* maximum fill by leaves on black surfaces in the last attempt, which comes after
+                                      the size of cells is found */
+#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
+                                                                              least reflecting / area if that is less.
+                                                                              Cells of the widest level are then as long
+                                                                              as level-0 cells with growth 1 */
+#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
+#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
+                                      cells shrink even if the last shrinking did not double the number of leaves that
+                                      rays hit */
+#define SBL__BOUNCE_POOL 16.0      /* once sbl__patching.pool reaches this, cells do not become larger, and hits for
+                                      which no leaf is left stay dark */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* surfaces that are not black get, on average, at least this many positions of
+                                          surface samples per area of a cell of the level sbl__store.unseen_level */
+#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
+                                         get cells of the widest level, otherwise of the level below it */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
+                                             that are too small to get a surface sample by area get one, too */
+#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
+                                      the length of a level-0 cell add points; shorter rays, as inside a lamp's
+                                      bowl-shaped shade, hit mainly the brightest part of the leaf */
+#define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 
 /* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side, and with
    SBL__PATCH_NEAR if a near ray found the hit. */
@@ -15649,7 +15679,7 @@ static uint32_t sbl__hit_word(const sbl__store *s, const sbl__hit *at) {
    cuts. Surface samples with the distance SBL__UNSEEN begin with cells of level unseen_level. patch: NULL, or receives
    the patch word with the level of the cell */
 static uint32_t *sbl__hit_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
-    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__STORE_FILL_WIDER, SBL__STORE_FILL_WIDEST, SBL__STORE_FILL_FULL, 1 };
     const sbl__store *s = b->store;
     uint32_t *reference = NULL, word = sbl__hit_word(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
@@ -15688,6 +15718,7 @@ static float sbl__side_offset(const sbl__geometry *g, uint32_t side, float norma
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
+/* Divides the surfaces into patches. Also makes the sequence of ray directions. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -15704,14 +15735,14 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
 }
 
 /* Empties the store. Sets unseen_level, the length of cells (1 in a scene without area) and the area below which
-   patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__FILL_AIM of the
-   store. */
+   patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__STORE_FILL_AIM of
+   the store. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
-    const double area = 2 * p->area / (SBL__FILL_AIM * s->max_leaves);
+    const double area = 2 * p->area / (SBL__STORE_FILL_AIM * s->max_leaves);
     int k, room = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
@@ -15828,7 +15859,7 @@ static int sbl__bounce_queued(void *work) {
 
 /* Returns how many leaves may be on black surfaces, see sbl__black. */
 static int sbl__bounce_black_most(const sbl__bounce *b) {
-    static const double fills[] = { 1, 0, SBL__FILL_BLACK };
+    static const double fills[] = { 1, 0, SBL__STORE_FILL_BLACK };
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
@@ -15951,19 +15982,19 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     if (b->seen_leaves == 0 || least >= 1 || hits < SBL__BOUNCE_COVERED * b->seen_leaves) return 1;
     if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
     b->previous_leaves = b->seen_leaves;
-    return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
+    return SBL__MAX(fill / SBL__STORE_FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
 /* Returns the stage that follows an attempt with one size of cells: GRID for another attempt, or RELOCATE if the size
    is found. If black surfaces take most leaves, they get none in the following attempts, and join in the last one. */
 static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
-    const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
+    const int few = reflecting < SBL__STORE_FILL_LEAST * b->store->max_leaves;
     double growth = 1;
     if (b->black == SBL__BLACK_JOINED) return SBL__BOUNCE_RELOCATE;
     if (b->black == SBL__BLACK_EQUAL && few && b->black_leaves > reflecting) b->black = SBL__BLACK_LEFT_OUT;
     else {
-        if (fill < SBL__FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
+        if (fill < SBL__STORE_FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
         if (growth >= 1 && (b->sample_small || !few)) {
             if (b->black == SBL__BLACK_EQUAL) return SBL__BOUNCE_RELOCATE;
             b->black = SBL__BLACK_JOINED;
@@ -15990,9 +16021,9 @@ static int sbl__bounce_after_place(void *work) {
     if (b->rechecking) sbl__bounce_forget_cuts(b);
     b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
-    if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    if (!b->cut_leaves && fill > SBL__STORE_FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The leaves hit so far are too many: the rays that will be cast from their points hit still more leaves. */
-        return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+        return sbl__bounce_restart(b, pow(fill / SBL__STORE_FILL_FIRST, SBL__STORE_FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
     if (b->recheck) {  /* A cut through a leaf with points can leave one side without points. */
@@ -16006,8 +16037,87 @@ static int sbl__bounce_after_place(void *work) {
     return sbl__bounce_queue(b, b->samples.list, b->samples.count);
 }
 
-/* >>bounce: contact rays and contact lines */
+/* >>cells: rays */
 
+/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
+   the direction, scrambled with a hash of `seed` */
+static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+    const float *normal = b->origin.normal;
+    int k;
+    if (b->origin.side != at->side) {
+        b->origin.side = at->side;
+        b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
+    }
+    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
+                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
+    for (k = 0; k < 3; k++) {
+        out->direction[k] = normal[k];
+        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
+    }
+    out->limit = -SBL__UNBOUNDED;
+}
+
+static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                            out);
+}
+
+/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
+   or to SBL__UNSEEN. */
+static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
+    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    int i;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < rays; i++) {
+        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
+        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
+        if (b->hits.list[i].side == SBL__NOWHERE) continue;
+        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
+    }
+    sbl__bounce_queue(b, b->hits.list, rays);
+    return SBL_SUCCESS;
+}
+
+/* Makes ray `number` of all rays of points. The points of a leaf, and rounds of division, have different directions. */
+static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
+    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
+    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
+}
+
+static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+}
+
+static int sbl__bounce_after_cast_points(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int first = b->points_cast * SBL__BOUNCE_RAYS;
+    b->points_cast = b->point_count;
+    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
+}
+
+/* ======================================================================================================== >>contacts
+   Where a surface continues beneath an object that stands on it, one leaf must not get light from both sides of the
+   object. From each leaf's first point, contact rays go along its surface to the end of its cell, and planes that they
+   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
+   a flat surface cuts all cells along its contact line. This room adds cuts to the store, and changes nothing else
+   there. */
+
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
+                                      both belong to one patch, which is smooth */
+#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
+#define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
+#define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
+
+/* Makes contact ray `number` of the leaves that have not been cut yet. It starts at the leaf's first point, runs along
+   the surface, and ends where it leaves the cube of the leaf's cell, at most two cell lengths away. */
 static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
     const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
@@ -16212,6 +16322,7 @@ static int sbl__bounce_uncut_leaves(void *work) {
     return b->store->leaf_count - b->cut_leaves;
 }
 
+/* Makes the cuts for the contact rays of leaf `at` among the leaves that have not been cut yet. */
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
@@ -16222,6 +16333,7 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
+/* Swaps two objects of `bytes` bytes each, at most the size of the hits of a point's rays. */
 static void sbl__swap(void *a, void *b, size_t bytes) {
     char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
     memcpy(keep, a, bytes);
@@ -16229,6 +16341,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
+/* Queues the hits that have waited for the cuts. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->cut_leaves = b->store->leaf_count;
@@ -16237,72 +16350,21 @@ static int sbl__bounce_after_cuts(void *work) {
     return sbl__bounce_queue(b, b->released.list, b->released.count);
 }
 
-/* >>bounce: rays */
+/* ======================================================================================================== >>solution
+   Computes the light of all leaves: sorts the points by leaf, measures the light of lamps at the points, solves the
+   equations of >>bounce, and does so again for each light group. This room sorts points and sets the light of leaves;
+   it does not cut cells. */
 
-/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
-   the direction, scrambled with a hash of `seed` */
-static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    const float *normal = b->origin.normal;
-    int k;
-    if (b->origin.side != at->side) {
-        b->origin.side = at->side;
-        b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
-    }
-    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
-                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
-    for (k = 0; k < 3; k++) {
-        out->direction[k] = normal[k];
-        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
-    }
-    out->limit = -SBL__UNBOUNDED;
-}
+#define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
+#define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
+#define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
+#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
+                                      is multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
+                                      this fraction of all light, or less */
 
-static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
-    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
-                            out);
-}
-
-/* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
-   or to SBL__UNSEEN. */
-static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
-    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
-    int i;
-    if (result != SBL_SUCCESS) return result;
-    for (i = 0; i < rays; i++) {
-        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
-        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
-        if (b->hits.list[i].side == SBL__NOWHERE) continue;
-        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
-    }
-    sbl__bounce_queue(b, b->hits.list, rays);
-    return SBL_SUCCESS;
-}
-
-static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
-    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
-}
-
-static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
-}
-
-static int sbl__bounce_after_rays(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    const int first = b->points_cast * SBL__BOUNCE_RAYS;
-    b->points_cast = b->point_count;
-    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
-}
-
-/* >>bounce: points in order */
+/* >>solution: points in order */
 
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
@@ -16366,7 +16428,7 @@ static int sbl__bounce_after_link(void *work) {
     return SBL__BOUNCE_SITES;
 }
 
-/* >>bounce: light from lamps */
+/* >>solution: light from lamps */
 
 /* Frees the sites and readings of b->job, their layers, and b->reads, which the current iteration has made. */
 static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
@@ -16510,7 +16572,7 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* >>bounce: all bounces at once */
+/* >>solution: all bounces at once */
 
 /* Returns the weight of a point in sums: 1, or SBL__BOUNCE_POINTS / (number of points of its leaf) if that is less. */
 static double sbl__point_weight(const sbl__bounce *b, int point) {
@@ -16661,7 +16723,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -16721,7 +16783,7 @@ static int sbl__bounce_after_gather(void *work) {
     return sbl__bounce_next(b, 1);
 }
 
-/* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
+/* >>solution: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
    light that each light group causes, with as many rounds, and again once glows are measured. */
 
 static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
@@ -16779,7 +16841,7 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* also if it is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -16829,11 +16891,26 @@ static int sbl__bounce_grouped_leaves(void *work) {
     return b->core->scene.light_groups ? b->store->leaf_count : 0;
 }
 
-/* >>bounce: division. Light varies most near lamps, and many rays read some leaves while few read others. Once the
-   light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf that very
-   many rays read gets further points, because its error makes the whole scene too bright or too dark. This decision
-   uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by
-   chance would be divided and become darker, and leaves that are dark by chance would stay as they are. */
+/* ======================================================================================================== >>division
+   Light varies most near lamps, and many rays read some leaves while few read others. Once the light is known, the
+   leaves that contribute most to the error are divided, and both parts get points. A leaf that very many rays read gets
+   further points, because its error makes the whole scene too bright or too dark. This decision uses the variance of
+   all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by chance would be
+   divided and become darker, and leaves that are dark by chance would stay as they are. This room adds cuts, and raises
+   the maximum number of points of leaves; the stages from RELOCATE on do the rest. */
+
+#define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
+#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
+#define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
+#define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
+#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
+                                      a larger relative standard error */
+#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
+                                      albedo * (standard deviation of the light in its region) / (root mean square of
+                                      all light) */
+#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
+#define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
+#define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 
 /* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. */
 typedef struct sbl__spread {
@@ -17034,7 +17111,9 @@ static int sbl__bounce_after_sort(void *work) {
     return sbl__bounce_queue_again(b);
 }
 
-/* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
+/* ======================================================================================================== >>bright
+   Chooses bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. This room makes the
+   list of bright cells of the store. */
 
 #define SBL__BRIGHT_LEAST 6.0      /* smallest radiance of bright leaves, in multiples of the mean radiance of all
                                       rays */
@@ -17169,6 +17248,8 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__cell_of_leaf(b, leaf, &s->bright[s->bright_count++]);
 }
 
+/* Chooses the bright leaves, and lists their cells, in order and each once, in the store. Candidates are leaves that
+   far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -17236,20 +17317,21 @@ static int sbl__bounce_after_glow(void *work) {
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
-static int sbl__bounce_after_uncertainty(void *work) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
-    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
-    return SBL__BOUNCE_LAYERS_SCALE;
-}
+/* ====================================================================================================== >>uncertainty
+   The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
+   random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
+   gathered there. A second part of the uncertainty is the variation of the light within near cells. While this room
+   works, leaves hold noise in place of their light. In the end they have their light again, and their uncertainty. */
 
-/* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
-static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
-    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
-}
-
-/* >>bounce: uncertainty */
+#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
+                                      sbl__bounce_after_noise */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
+                                         low discrepancy, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
+                                      multiplied by SBL__UNCERTAINTY_STRATA; the noise is too high where few rays all
+                                      hit one leaf */
+#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
+                                           errors of stored light in the rooms of examples/MEASUREMENTS.md */
 
 /* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
    its standard error with a random sign per channel. The error is estimated from the differences between its valid
@@ -17352,6 +17434,23 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
+static int sbl__bounce_after_uncertainty(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_LAYERS_SCALE;
+}
+
+/* ======================================================================================================== >>storing
+   Ends the work: makes the lamps that sensors need, sends the store to the GPU, and measures light in the air. This
+   room also begins, steps and frees the work. */
+
+/* Makes the glows again, and the trees of all lamps and glows, for sensors. Does nothing without bright cells. */
+static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
+}
+
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl_result result = sbl__bounce_make_sites(b, SBL__AIR_SITES);
@@ -17361,7 +17460,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
          : sbl__store_send(&b->core->device, b->store, b->geometry, b->core->scene.light_groups);
 }
 
-/* >>bounce: light in the air, for objects that the host draws */
+/* >>storing: light in the air, for objects that the host draws */
 
 /* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way between
    the centre and each corner, and returns the stage AIR. Otherwise returns DONE. */
@@ -17386,6 +17485,7 @@ static int sbl__bounce_after_send(void *work) {
     return SBL__BOUNCE_AIR;
 }
 
+/* Stores the light in the air: for each of six directions, the mean over the positions. */
 static int sbl__bounce_after_air(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     float (*air)[3] = b->store->air;
@@ -17398,7 +17498,7 @@ static int sbl__bounce_after_air(void *work) {
     return SBL__BOUNCE_DONE;
 }
 
-/* >>bounce: beginning, stepping and freeing */
+/* >>storing: beginning, stepping and freeing */
 
 /* Frees and clears the fields from `patching` on. Keeps points, states and hits for later changes of lights. */
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
@@ -17457,39 +17557,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
-static const sbl__stage_row sbl__bounce_stages[] = {
-    { sbl__bounce_patches, NULL, NULL, NULL },
-    { sbl__bounce_grid, NULL, NULL, NULL },
-    { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
-    { sbl__bounce_cast_samples, NULL, NULL, NULL },
-    { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
-    { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-    { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
-    { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
-    { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
-    { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
-    { NULL, sbl__bounce_after_link, sbl__bounce_link, sbl__bounce_points },
-    { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-    { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
-    { sbl__bounce_reads_make, NULL, sbl__bounce_direct, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
-    { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
-    { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_score, sbl__bounce_score, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
-    { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_sum_found, sbl__bounce_points },
-    { sbl__bounce_choose, NULL, NULL, NULL },
-    { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
-    { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-    { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
-    { NULL, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves },
-    { sbl__bounce_lamps, NULL, NULL, NULL },
-    { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-    { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
-};
+static const sbl__stage_row sbl__bounce_stages[] = { SBL__BOUNCE_STAGES(SBL__STAGE_ROW) };
 
 /* Does a piece of the filling of the store. Returns SBL_UNFINISHED until the store is ready, then SBL_SUCCESS. An error
    ends the filling. */
@@ -17520,7 +17588,7 @@ static float sbl__bounce_progress(const sbl__core *c) {
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
     if (b->divisions)
         return SBL__BOUNCE_LIT + (1 - SBL__BOUNCE_LIT) * (float)b->divisions / (SBL__DIVISIONS + 1);
-    points = (float)SBL__FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
+    points = (float)SBL__STORE_FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
     cast = (float)b->points_cast;
     if (b->stages.stage == SBL__BOUNCE_CAST_POINTS)
         cast = SBL__MAX(cast, (float)b->stages.at / SBL__BOUNCE_RAYS);
@@ -17530,24 +17598,6 @@ static float sbl__bounce_progress(const sbl__core *c) {
          : b->stages.stage == SBL__BOUNCE_LIGHT
                ? SBL__BOUNCE_CAST + (SBL__BOUNCE_LIT - SBL__BOUNCE_CAST) * sbl__job_progress(&b->job)
                : SBL__BOUNCE_LIT;
-}
-
-/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
-   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
-   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
-   SBL_SUCCESS. */
-static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
-    const sbl__hierarchy *h = &c->scene.hierarchy;
-    const int rays = s->options.mode != SBL_MODE_PAPER;
-    sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
-    if (result != SBL_SUCCESS) return result;
-    c->stats.scene.bvh_seconds = h->seconds;
-    c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
-    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
-                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
-    if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
-    result = sbl__bounce_step(c, slice);
-    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
 }
 
 /* ======================================================================================================== >>saved
@@ -17598,20 +17648,22 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
     }
     parts[SBL__SAVED_LIGHTS] = seed;
-    for (i = 0; i < s->lights.count; i++) {
-        sbl_light light = s->lights.list[i];
+    for (i = 0; i < s->lamps.light_count; i++) {
+        sbl_light light = s->lamps.lights[i];
         if (light.kind != SBL_LIGHT_DIRECTIONAL) sbl__from_host(g->centre, light.position, light.position);
         parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &light, offsetof(sbl_light, light_group));
     }
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
+    /* the usual shape adds nothing, so that stores of older versions match */
+    if (e->pixels && e->width != 2 * e->height) *sky = sbl__hash_bytes(*sky, &e->width, sizeof e->width);
     if (!s->light_groups) return;
     for (i = 0; i < g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) *materials = sbl__hash_bytes(*materials, &g->objects[i].layer, 4);
-    for (i = 0; i < s->lights.count; i++)
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lights.list[i].light_group,
-                                                   sizeof s->lights.list[i].light_group);
+    for (i = 0; i < s->lamps.light_count; i++)
+        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lamps.lights[i].light_group,
+                                                   sizeof s->lamps.lights[i].light_group);
     *sky = sbl__hash_bytes(*sky, &e->layer, sizeof e->layer);
     *sky = sbl__hash_bytes(*sky, &s->light_groups, sizeof s->light_groups);
 }
@@ -17846,11 +17898,12 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Adaptive placement of sensors (section III-G). This room chooses the positions of sensors and the number of looks of
-   each, interpolates their light to the other pixels, and predicts the remaining error.
+   Adaptive placement of sensors (section III-G). The rooms from here to >>fill choose the positions of sensors and the
+   number of looks of each, interpolate their light to the other pixels, and predict the remaining error. This room
+   declares the data and the stages; its functions are about single pixels and sensors.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
-   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
+   sites for a job (LIST), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
    A tile's error has two parts:
 
        bias    the error of interpolation. It is estimated from second differences of light between sensors, and from
@@ -17869,15 +17922,16 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 
    The stages, of which those of guides and places are only needed in some pictures and lightmaps:
 
-       rounds    TILES -> { COLLECT -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
-       guides    after a first round that is too noisy: RESTART -> COLLECT_SCOUTS -> SCOUT -> TAKE_SCOUTS -> GUIDES,
+       rounds    TILES -> { LIST -> SENSE -> TAKE -> COUNT -> WEIGH -> SPEND } until SPEND buys nothing
+       guides    after a first round that is too noisy: RESTART -> LIST_SCOUTS -> SENSE_SCOUTS -> TAKE_SCOUTS -> GUIDES,
                  then the first round again. With more rays per look instead of guides, only RESTART
-       places    in lightmaps, after TAKE, for hidden centres of texels: COLLECT_PLACES -> SEARCH -> TAKE_PLACES ->
-                 COLLECT
+       places    in lightmaps, after TAKE, for hidden centres of texels: LIST_PLACES -> SENSE_PLACES -> TAKE_PLACES,
+                 then LIST again
 
-   Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the picture's
-   mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; only
-   >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
+   LIST and SPEND change tiles and the looks of sensors (>>tiles, >>weigh); TAKE changes the light of sensors
+   (>>rounds). Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are fractions of the
+   picture's mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms mostly call functions
+   of >>rounds and >>fill; only >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
@@ -17920,99 +17974,36 @@ typedef struct sbl__pixel_lobe {
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
 
-/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
-   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
-   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
-   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
-#define SBL__HIDDEN_SHARE 0.9f
-#define SBL__HIDDEN_NEAR 0.45f
-#define SBL__HIDDEN_TOUCH 0.15f
-#define SBL__HIDDEN_DARK 0.001
-#define SBL__HIDDEN_ALL 0.98f
-#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
-/* Search for the places of a refused texel: the positions in it from which light can leave. */
-#define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
-#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
-#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
-#define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
 
-/* Interpolation. Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
-   of interpolation along the edge: times SBL__STEP_ERROR for light with a step, or times SBL__CURVE_ERROR for light
-   that is a parabola, which sbl__edge_parabola corrects. Both factors were measured on shadows of lamps, with tiles of
-   2 to 16 pixels. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
-#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for
-                                           SBL__COVERAGE, too */
-#define SBL__STEP_ERROR 0.29f
-#define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
-                                           difference) of the light that it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
-                                           R and the mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
-                                           shadow */
-#define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
-                                           other sensor stands across the chart: light changes much across narrow
-                                           charts, which are reveals, frames and mouldings. In a room that was measured,
-                                           R differs from one side to the other by more than 0.17 of its mean in half of
-                                           the charts that are two texels wide, and by more than 0.92 in a tenth */
-#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
-                                           between neighbouring sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
-                                           estimate explains all of a pixel's error */
-#define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
-                                           their noise looks like an error of interpolation */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
-                                           can remove that noise instead */
-/* Noise of sensors. */
-#define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
-#define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* sbl__differ adds this * the variance of the difference to the squared
-                                           threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* (gain per look of growing from 2n to 4n looks) / (gain per
                                                           look of growing from n to 2n looks) */
-#define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
 #define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
 #define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
-#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
-                                           through the hierarchy */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
-/* A round buys splits of tiles, and looks of sensors. */
-#define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
-#define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
-                                           readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
-                                           splits can remove. Without this limit, a few pixels that cannot improve would
-                                           force all others to the best possible quality */
-#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
-                                           however large the uncertainty of stored light is */
-#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
-                                           of stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
-                                           uncertainty of stored light may be predicted too large */
-#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
-                                           them */
-#define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ multiplies the threshold by (the light + this * the picture's
-                                           luminance) */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
-#define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
-                                           bought, until it is the price */
-/* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
-   SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
-#define SBL__TILE_ERROR_MAX 5.0f
-#define SBL__TILE_ERROR_FLOOR 0.1f
+
+#define SBL__REFINE_STAGES(X) \
+    X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
+    X(SBL__REFINE_LIST, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
+    X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
+    X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
+    X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
+    X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
+    X(SBL__REFINE_LIST_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE_SCOUTS, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_SCOUTS, sbl__scouts_take, NULL, NULL, sbl__refine_after_take) \
+    X(SBL__REFINE_GUIDES, sbl__guides_send, NULL, NULL, sbl__refine_after_guides) \
+    X(SBL__REFINE_LIST_PLACES, sbl__places_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_SENSE_PLACES, sbl__refine_sense, NULL, NULL, NULL) \
+    X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
+enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
 /* two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
 typedef struct sbl__range { int x[2], y[2]; } sbl__range;
@@ -18076,8 +18067,8 @@ typedef struct sbl__refine {
     float shown2;             /* see sbl__weigh_shown2 */
     float mean_final;         /* luminance of sbl_picture_desc.mean_final */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
-    size_t harmonics;         /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
-    float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS), pixel after pixel; layer 0 is
+    size_t layer_floats;      /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
+    float *layers;            /* light of layers 1 and up (harmonics or light groups), pixel after pixel; layer 0 is
                                  sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
@@ -18094,7 +18085,7 @@ typedef struct sbl__refine {
     int *searched;            /* indices of the texels that this round searches for places */
     int searched_count, searched_room;
     sbl__site *places;        /* the places of all texels that have some: positions from which a texel's sensor looks
-                                 instead of from its hidden centre, see >>refine: places */
+                                 instead of from its hidden centre, see >>places */
     int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
@@ -18180,7 +18171,7 @@ static sbl__sensor *sbl__sensor_add(sbl__refine *r, sbl__pixel *p) {
 
 /* Returns a layer of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
-    return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1)
+    return layer ? r->layers + (size_t)(p - r->pixels) * r->layer_floats + 3 * ((size_t)layer - 1)
                  : sbl__sensor_of(r, p)->radiance;
 }
 
@@ -18272,7 +18263,42 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
     return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
 }
 
-/* >>refine: interpolation */
+/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
+static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->sensed && !s->level;
+}
+
+/* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
+static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
+    const float *stored = sbl__pixel_stored(r, p);
+    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
+    return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
+}
+
+/* ======================================================================================================= >>interpolate
+   Interpolates light from the corners of a tile, and estimates the error of this interpolation. This room changes no
+   light; it only reads pixels and sensors. */
+
+/* Errors are root mean squares. Second differences of light at the ends of a tile's edge give the error
+   of interpolation along the edge: times SBL__STEP_ERROR for light with a step, or times SBL__CURVE_ERROR for light
+   that is a parabola, which sbl__edge_parabola corrects. Both factors were measured on shadows of lamps, with tiles of
+   2 to 16 pixels. */
+#define SBL__STEP_ERROR 0.29f
+#define SBL__CURVE_ERROR 0.1f
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
+                                           difference) of the light that it continues */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
+                                           R and the mean R */
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
+                                           shadow */
+#define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
+                                           other sensor stands across the chart: light changes much across narrow
+                                           charts, which are reveals, frames and mouldings. In a room that was measured,
+                                           R differs from one side to the other by more than 0.17 of its mean in half of
+                                           the charts that are two texels wide, and by more than 0.92 in a tenth */
+#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
+                                           between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
 static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
@@ -18432,7 +18458,7 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
     }
 }
 
-/* >>refine: the error of interpolation */
+/* >>interpolate: its error */
 
 /* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences at
    its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
@@ -18556,7 +18582,18 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
 }
 
-/* >>refine: tiles */
+/* ======================================================================================================== >>tiles
+   Makes and splits tiles, and lists the sites of the sensors at their corners. A site gets the guide that suits its
+   pixel. */
+
+#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
+#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span in pixels, extrapolated light counts for
+                                           SBL__COVERAGE, too */
+#define SBL__NOISE_WEIGHT 4             /* sbl__differ adds this * the variance of the difference to the squared
+                                           threshold */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* sbl__differ multiplies the threshold by (the light + this * the picture's
+                                           luminance) */
+#define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
 
 /* Summary of the sensors at a tile's corners */
 typedef struct sbl__corners {
@@ -18716,7 +18753,7 @@ static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* >>refine: guides for sensors' rays, see >>guide */
+/* >>tiles: guides for sensors' rays, see >>guide */
 
 /* Gets the position of a guide in the working grid, or outside it. */
 static void sbl__guide_at(const sbl__refine *r, int column, int row, int at[2]) {
@@ -18766,7 +18803,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     return best;
 }
 
-/* >>refine: rounds, from the list of sites to the taken readings */
+/* >>tiles: sites */
 
 /* Adds the first-level tiles, which cover the whole picture, row by row. */
 static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
@@ -18812,7 +18849,7 @@ static int sbl__refine_room(sbl__refine *r, int more) {
     sbl__base *base = &r->core->base;
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
            sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
-           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
+           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->layer_floats * sizeof(float));
 }
 
 /* Frees the sites and their readings. */
@@ -18876,6 +18913,32 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
+/* ======================================================================================================== >>places
+   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden and whose light is not
+   shown. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from which
+   light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor then
+   looks from some of the open positions, its places, and the texel gets about the median of their light
+   (sbl__places_mean). */
+
+/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
+   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
+   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
+   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
+   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
+#define SBL__HIDDEN_SHARE 0.9f
+#define SBL__HIDDEN_NEAR 0.45f
+#define SBL__HIDDEN_TOUCH 0.15f
+#define SBL__HIDDEN_DARK 0.001
+#define SBL__HIDDEN_ALL 0.98f
+#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
+/* Search for the places of a refused texel: the positions in it from which light can leave. */
+#define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
+#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
+#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
+#define SBL__PLACES 8             /* maximum number of places from which a texel's sensor looks */
+
+/* >>places: texels that are not shown */
+
 /* Returns 1 if a sensor seems to be inside a solid: it is dark and sees mostly back faces, unlike most lit sensors.
    Without bounced light, many visible texels are dark, too; therefore the sensor must then see nothing but back
    faces. */
@@ -18904,19 +18967,6 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
-static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
-    const sbl__sensor *s = sbl__sensor_of(r, p);
-    return s->sensed && !s->level;
-}
-
-/* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
-static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
-    const float *stored = sbl__pixel_stored(r, p);
-    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
-    return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
-}
-
 /* Removes the uncertainty of a hidden texel from the sum, because the texel will show its neighbours' light. */
 static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     const float uncertainty = sbl__stored_uncertainty(r, p);
@@ -18932,7 +18982,7 @@ static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__refine_hide(r, p);
 }
 
-/* Makes a pixel invalid, unless it has places (>>refine: places). In traced lightmaps, the texel is then searched for
+/* Makes a pixel invalid, unless it has places (>>places). In traced lightmaps, the texel is then searched for
    places. */
 static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
@@ -18968,178 +19018,7 @@ static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_read
     return result;
 }
 
-/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
-   light. */
-static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
-                                  size_t floats, float *sum) {
-    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
-    size_t i;
-    int lit = 0;
-    for (i = 0; i < floats && leaf; i++) {
-        const float light = s->layers[floats * (leaf - 1) + i];
-        sum[i] += light;
-        lit |= light > 0;
-    }
-    return lit;
-}
-
-/* Computes the light groups of a texel that shows stored light, as sbl_stored_smooth in gbuffer_fragment.glsl computes
-   its R. */
-static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p, float *out) {
-    const sbl__store *s = &r->core->scene.store;
-    const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
-    const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
-    const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
-                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* as sbl_frame in frame.glsl */
-    double normal[3], facing = 0;
-    size_t i;
-    int k, point, lit = 0;
-    sbl__scene_normal(r->atlas->geometry, triangle, normal);
-    for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
-    for (i = 0; i < r->harmonics; i++) out[i] = 0;
-    for (point = 0; point < 25; point++) {
-        float place[3];
-        for (k = 0; k < 3; k++)
-            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
-                                                             (float)(point / 5 - 2) * axes[1][k]);
-        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->harmonics, out);
-    }
-    for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
-}
-
-/* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
-   light that comes evenly from the pixel's whole hemisphere. */
-static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
-    static const int axes[3] = { 1, 2, 0 };
-    size_t i;
-    if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
-    for (i = 0; i < r->harmonics && !r->spec->groups; i++)
-        out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
-                 (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
-}
-
-/* Returns how many of the readings first .. last are darker than reading i, or equally bright and before it. */
-static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
-    const float light = sbl__luminance(r->readings[i].radiance);
-    int k, rank = 0;
-    for (k = first; k <= last; k++) {
-        const float other = sbl__luminance(r->readings[k].radiance);
-        rank += other < light || (k < i && !(light < other));
-    }
-    return rank;
-}
-
-/* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
-   quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
-   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
-static int sbl__places_mean(sbl__refine *r, int at) {
-    const int pixel = r->sites[at].pixel;
-    float *layers = r->reading_layers;
-    sbl_reading mean;
-    double squares = 0, noise2 = 0, light;
-    int first = at, count, aside, kept, i;
-    size_t k;
-    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
-    while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
-    count = at - first + 1;
-    aside = 3 * count / 8;
-    kept = count - 2 * aside;
-    mean = r->readings[at];
-    memset(mean.radiance, 0, sizeof mean.radiance);
-    for (i = first; i <= at; i++) {
-        const sbl_reading *own = &r->readings[i];
-        const int rank = sbl__places_rank(r, first, at, i);
-        if (rank < aside || rank >= count - aside) continue;
-        for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
-        squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
-        noise2 += (double)own->noise * own->noise / kept;
-    }
-    for (k = 0; k < r->harmonics && count > 1; k++) {
-        double sum = 0;
-        for (i = first; i <= at; i++) {
-            const int rank = sbl__places_rank(r, first, at, i);
-            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->harmonics + k];
-        }
-        layers[(size_t)at * r->harmonics + k] = (float)(sum / kept);
-    }
-    light = (double)sbl__luminance(mean.radiance);
-    mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
-    r->readings[at] = mean;
-    return count;
-}
-
-static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
-
-/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
-   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
-static sbl_result sbl__refine_take(void *work, int at) {
-    sbl__refine *r = (sbl__refine *)work;
-    const sbl_reading *reading = &r->readings[at];
-    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
-    const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
-    sbl_stats *stats = &r->core->stats;
-    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
-    const float share = (float)looks / (float)(s->looks + looks);
-    const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
-    float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
-    const float *found = r->reading_layers + r->harmonics * (size_t)at;
-    size_t i;
-    if (!looks) return SBL_SUCCESS;
-    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
-    for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
-    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
-    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
-    s->looks += looks;
-    s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
-    r->looks_taken += looks;
-    s->queued = 0;
-    s->round = (short)r->rounds;
-    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
-    r->pixels_summed += no_mean && !s->places;
-    if (s->sensed || s->places) {
-        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
-        s->sensed = 1;
-        return SBL_SUCCESS;
-    }
-    s->sensed = 1;
-    if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
-    if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
-    stats->sensors.sites++;
-    return sbl__refine_validate(r, r->sites[at].pixel, reading);
-}
-
-/* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
-static void sbl__refine_update_spec(sbl__refine *r) {
-    const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
-    const int groups = r->spec->groups;
-    sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
-    r->spec->directional = directional;
-    r->spec->groups = groups;
-    r->spec->guided = guided;
-    r->spec->lobe = lobe;
-}
-
-/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
-static void sbl__refine_restart(sbl__refine *r) {
-    int i, corner;
-    for (i = 0; i < r->tile_count; i++)
-        for (corner = 0; corner < 4; corner++) {
-            sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
-            if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
-            s->looks = 0;
-            s->work = 0;
-            s->wanted = sbl__refine_first_looks(s, 1);
-        }
-    r->rounds = r->first_new = r->weighed = 0;
-    r->expected_looks = r->expected_sure = 0;
-    memset(r->sum, 0, sizeof r->sum);
-    r->pixels_summed = 0;
-}
-
-/* >>refine: places. If the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from
-   which light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor
-   then looks from some of the open positions, its places, and the texel gets about the median of their light
-   (sbl__places_mean). */
+/* >>places: the search */
 
 /* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, spread over the texel. Returns the number of
    rays, or 0 if no candidate lies on the chart. */
@@ -19213,7 +19092,59 @@ static sbl_result sbl__places_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: scouts, single rays from which guides are made */
+/* Returns how many of the readings first .. last are darker than reading i, or equally bright and before it. */
+static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
+    const float light = sbl__luminance(r->readings[i].radiance);
+    int k, rank = 0;
+    for (k = first; k <= last; k++) {
+        const float other = sbl__luminance(r->readings[k].radiance);
+        rank += other < light || (k < i && !(light < other));
+    }
+    return rank;
+}
+
+/* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
+   quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
+   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
+static int sbl__places_mean(sbl__refine *r, int at) {
+    const int pixel = r->sites[at].pixel;
+    float *layers = r->reading_layers;
+    sbl_reading mean;
+    double squares = 0, noise2 = 0, light;
+    int first = at, count, aside, kept, i;
+    size_t k;
+    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
+    while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
+    count = at - first + 1;
+    aside = 3 * count / 8;
+    kept = count - 2 * aside;
+    mean = r->readings[at];
+    memset(mean.radiance, 0, sizeof mean.radiance);
+    for (i = first; i <= at; i++) {
+        const sbl_reading *own = &r->readings[i];
+        const int rank = sbl__places_rank(r, first, at, i);
+        if (rank < aside || rank >= count - aside) continue;
+        for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
+        squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
+        noise2 += (double)own->noise * own->noise / kept;
+    }
+    for (k = 0; k < r->layer_floats && count > 1; k++) {
+        double sum = 0;
+        for (i = first; i <= at; i++) {
+            const int rank = sbl__places_rank(r, first, at, i);
+            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->layer_floats + k];
+        }
+        layers[(size_t)at * r->layer_floats + k] = (float)(sum / kept);
+    }
+    light = (double)sbl__luminance(mean.radiance);
+    mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
+    r->readings[at] = mean;
+    return count;
+}
+
+/* ======================================================================================================== >>scouts
+   Scouts, which are single rays, find the directions from which light comes. Guides are made from what they find, see
+   >>guide. */
 
 /* Returns a seed other than the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
@@ -19258,6 +19189,13 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->receivers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Returns 1 if the guide of a sensor whose error counts may be made from scouts at this pixel: a sensor takes a guide
+   less than one step away, which takes scouts up to sbl__guides.reach steps away. */
+static int sbl__scouts_serve(const sbl__refine *r, int index) {
+    const int reach = r->window.margin + (r->guides.reach + 1) * r->guides.step - 1;
+    return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
+}
+
 /* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
@@ -19271,7 +19209,7 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         p = sbl__guide_pixel(r, column, row);
-        if (!p) continue;
+        if (!p || !sbl__scouts_serve(r, (int)(p - r->pixels))) continue;
         if (!sbl__refine_room(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
         for (i = 0; i < g->scouts; i++)
             sbl__refine_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
@@ -19329,11 +19267,11 @@ static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
 
 /* Returns how far away the light that a scout has found seems to be: as far as the scout's hit, or as the image of a
    lamp that a flat mirror shows there. 0: infinitely far */
-static double sbl__scout_away(const sbl__lights *lights, const float from[3], const float direction[3], float hit) {
+static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], const float direction[3], float hit) {
     const float margin = 1e-3f * hit;
     int i, k;
-    for (i = 0; i < lights->mirrored_count && hit > 0; i++) {
-        const sbl__mirrored *m = &lights->mirrored[i];
+    for (i = 0; i < lamps->mirrored_count && hit > 0; i++) {
+        const sbl__mirrored *m = &lamps->mirrored[i];
         float height = -m->offset;
         double away2 = 0;
         int inside = 1;
@@ -19361,7 +19299,7 @@ static void sbl__scout_spread(sbl__refine *r, int column, int row, const double 
     if (!(light > 0)) return;
     sbl__receivers_list(r, column, row);
     sbl__cosine_direction(p->normal, u, direction);
-    away = sbl__scout_away(&r->core->scene.lights, p->position, direction, found->hit_min);
+    away = sbl__scout_away(&r->core->scene.lamps, p->position, direction, found->hit_min);
     for (k = 0; k < 3; k++) place[k] = p->position[k] + away * direction[k];
     for (i = 0; i < g->receiver_count; i++) {
         const sbl__receiver *to = &g->receivers[i];
@@ -19438,7 +19376,40 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: weighing gain against cost */
+/* ======================================================================================================== >>weigh
+   Predicts the errors of tiles and of the picture. Weighs the gains of splits of tiles, and of more looks of sensors,
+   against their costs, and buys the best of them. */
+
+#define SBL__NOISE_IN_BIAS 0.75f        /* this * the variance of a tile's sensors is subtracted from raw_bias2, because
+                                           their noise looks like an error of interpolation */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
+                                           can remove that noise instead */
+#define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
+#define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
+#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
+                                           readings may change what is worth buying */
+#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
+                                           splits can remove. Without this limit, a few pixels that cannot improve would
+                                           force all others to the best possible quality */
+#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
+                                           however large the uncertainty of stored light is */
+#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
+                                           of stored light, since less would hardly reduce the sum of both */
+#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
+                                           uncertainty of stored light may be predicted too large */
+#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
+                                           them */
+#define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
+#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
+#define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
+                                           bought, until it is the price */
+/* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
+   SBL__TILE_ERROR_MAX * (relative luminance + SBL__TILE_ERROR_FLOOR). */
+#define SBL__TILE_ERROR_MAX 5.0f
+#define SBL__TILE_ERROR_FLOOR 0.1f
 
 static int sbl__worth_bin(float worth) {
     int exponent;
@@ -19704,12 +19675,82 @@ static sbl_result sbl__refine_spend(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: stages */
+/* ======================================================================================================== >>rounds
+   Runs the rounds of a refinement, from the list of sites to the taken readings, and serves the rooms below. */
 
-enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
-       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_RESTART, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT,
-       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_COLLECT_PLACES, SBL__REFINE_SEARCH,
-       SBL__REFINE_TAKE_PLACES, SBL__REFINE_DONE };
+#define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
+#define SBL__WORK_STEPS 2.0f            /* sbl__sensor.work counts a look as 1, plus 1 for this many steps per ray
+                                           through the hierarchy */
+
+static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
+
+/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
+   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
+static sbl_result sbl__refine_take(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl_reading *reading = &r->readings[at];
+    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
+    const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
+    sbl_stats *stats = &r->core->stats;
+    const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
+    const float share = (float)looks / (float)(s->looks + looks);
+    const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
+    float *light = r->layers + r->layer_floats * (size_t)r->sites[at].pixel;
+    const float *found = r->reading_layers + r->layer_floats * (size_t)at;
+    size_t i;
+    if (!looks) return SBL_SUCCESS;
+    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
+    for (i = 0; i < r->layer_floats; i++) light[i] += share * (found[i] - light[i]);
+    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
+    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
+    s->looks += looks;
+    s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
+    r->looks_taken += looks;
+    s->queued = 0;
+    s->round = (short)r->rounds;
+    for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
+    r->pixels_summed += no_mean && !s->places;
+    if (s->sensed || s->places) {
+        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
+        s->sensed = 1;
+        return SBL_SUCCESS;
+    }
+    s->sensed = 1;
+    if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
+    if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
+    stats->sensors.sites++;
+    return sbl__refine_validate(r, r->sites[at].pixel, reading);
+}
+
+/* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
+static void sbl__refine_update_spec(sbl__refine *r) {
+    const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
+    const int groups = r->spec->groups;
+    sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
+    r->spec->directional = directional;
+    r->spec->groups = groups;
+    r->spec->guided = guided;
+    r->spec->lobe = lobe;
+}
+
+/* Resets all sensors of the first round, at the corners of first-level tiles, so that they take their looks again. */
+static void sbl__refine_restart(sbl__refine *r) {
+    int i, corner;
+    for (i = 0; i < r->tile_count; i++)
+        for (corner = 0; corner < 4; corner++) {
+            sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
+            if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
+            s->looks = 0;
+            s->work = 0;
+            s->wanted = sbl__refine_first_looks(s, 1);
+        }
+    r->rounds = r->first_new = r->weighed = 0;
+    r->expected_looks = r->expected_sure = 0;
+    memset(r->sum, 0, sizeof r->sum);
+    r->pixels_summed = 0;
+}
+
+/* >>rounds: stages */
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -19720,8 +19761,8 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
 /* Begins the job for the listed sites, if any. A scout or a search ray is a look of one ray. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
-    const int searches = r->stages.stage == SBL__REFINE_COLLECT_PLACES;
+    const int scouts = r->stages.stage == SBL__REFINE_LIST_SCOUTS;
+    const int searches = r->stages.stage == SBL__REFINE_LIST_PLACES;
     sbl__task task;
     sbl__refine_task(r, &task);
     task.spec.distance_limit = r->distance_limit;
@@ -19756,12 +19797,12 @@ static int sbl__refine_after_take(void *work) {
     const int searches = stage == SBL__REFINE_TAKE_PLACES;
     r->site_count = r->look_count = 0;
     if (r->listed < (scouts ? r->guides.columns * r->guides.rows : searches ? r->searched_count : r->tile_count))
-        return stage - 2;
+        return scouts ? SBL__REFINE_LIST_SCOUTS : searches ? SBL__REFINE_LIST_PLACES : SBL__REFINE_LIST;
     r->listed = 0;
     if (scouts) return SBL__REFINE_GUIDES;
     if (searches) r->searched_count = 0;
-    if (searches) return SBL__REFINE_COLLECT;
-    if (r->searched_count) return SBL__REFINE_COLLECT_PLACES;
+    if (searches) return SBL__REFINE_LIST;
+    if (r->searched_count) return SBL__REFINE_LIST_PLACES;
     r->rounds++;
     sbl__weigh_begin(r);
     return SBL__REFINE_COUNT;
@@ -19783,9 +19824,10 @@ static int sbl__refine_needs_guides(const sbl__refine *r) {
 }
 
 static int sbl__refine_after_tiles(void *work) {
-    return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    return sbl__refine_needs_guides((const sbl__refine *)work) ? SBL__REFINE_LIST_SCOUTS : SBL__REFINE_LIST;
 }
 
+/* Starts again if looks are too noisy. Otherwise copies the predicted errors to the statistics that the host reads. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__weigh_end(r);
@@ -19811,48 +19853,82 @@ static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int times = sbl__refine_growth(r), guides = sbl__refine_needs_guides(r);
     sbl__refine_restart(r);
-    if (guides) return SBL__REFINE_COLLECT_SCOUTS;
+    if (guides) return SBL__REFINE_LIST_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_update_spec(r);
-    return SBL__REFINE_COLLECT;
+    return SBL__REFINE_LIST;
 }
 
 /* With a price, ends no earlier than the round that buys everything worth the price. */
 static int sbl__refine_after_spend(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     const int lowers = r->price > 0 && r->rounds <= SBL__PRICE_ROUNDS;
-    return r->bought || lowers ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
+    return r->bought || lowers ? SBL__REFINE_LIST : SBL__REFINE_DONE;
 }
 
 static int sbl__refine_after_guides(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
-    return SBL__REFINE_COLLECT;
+    return SBL__REFINE_LIST;
 }
 
 /* Refines, piece by piece. Returns SBL_SUCCESS after a round that has bought nothing, see sbl__weigh_end. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__refine_tiles, sbl__refine_after_tiles, NULL, NULL },
-        { sbl__refine_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
-        { sbl__refine_count, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
-        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
-        { NULL, sbl__refine_after_restart, NULL, NULL },
-        { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
-        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL },
-        { sbl__places_list, sbl__refine_after_list, NULL, NULL },
-        { sbl__refine_sense, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_take, sbl__places_take, sbl__refine_sites }
-    };
+    static const sbl__stage_row table[] = { SBL__REFINE_STAGES(SBL__STAGE_ROW) };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
 
-/* >>refine: functions for later rooms */
+/* >>rounds: functions for later rooms */
+
+/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
+   light. */
+static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
+                                  size_t floats, float *sum) {
+    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
+    size_t i;
+    int lit = 0;
+    for (i = 0; i < floats && leaf; i++) {
+        const float light = s->layers[floats * (leaf - 1) + i];
+        sum[i] += light;
+        lit |= light > 0;
+    }
+    return lit;
+}
+
+/* Computes the light groups of a texel that shows stored light, as sbl_stored_smooth in gbuffer_fragment.glsl computes
+   its R. */
+static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p, float *out) {
+    const sbl__store *s = &r->core->scene.store;
+    const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
+    const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
+    const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
+                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* as sbl_frame in frame.glsl */
+    double normal[3], facing = 0;
+    size_t i;
+    int k, point, lit = 0;
+    sbl__scene_normal(r->atlas->geometry, triangle, normal);
+    for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
+    for (i = 0; i < r->layer_floats; i++) out[i] = 0;
+    for (point = 0; point < 25; point++) {
+        float place[3];
+        for (k = 0; k < 3; k++)
+            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
+                                                             (float)(point / 5 - 2) * axes[1][k]);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->layer_floats, out);
+    }
+    for (i = 0; i < r->layer_floats; i++) out[i] /= (float)SBL__MAX(lit, 1);
+}
+
+/* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
+   light that comes evenly from the pixel's whole hemisphere. */
+static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
+    static const int axes[3] = { 1, 2, 0 };
+    size_t i;
+    if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
+    for (i = 0; i < r->layer_floats && !r->spec->groups; i++)
+        out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
+                 (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
+}
 
 /* Sets the settings. All fields except those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
    filter */
@@ -19874,7 +19950,7 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
     r->target_error = desc->target_error;
     r->geometry_aware = desc->options.mode != SBL_MODE_PAPER;
-    r->harmonics = 3 * (size_t)(sbl__spec_layers(spec) - 1);
+    r->layer_floats = 3 * (size_t)(sbl__spec_layers(spec) - 1);
     r->smoothing = smoothing;
     sbl__looks_calibrate(r);
 }
@@ -19888,7 +19964,7 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     const int bounced = r->measurement->options.mode == SBL_MODE_GI && !r->spec->lobe;
     sbl__base *base = &r->core->base;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(base, pixels, sizeof *r->pixels);
-    r->layers = (float *)sbl__alloc(base, pixels, r->harmonics * sizeof *r->layers);
+    r->layers = (float *)sbl__alloc(base, pixels, r->layer_floats * sizeof *r->layers);
     r->sensors = (sbl__sensor **)sbl__alloc(base, sbl__sensor_blocks(r), sizeof *r->sensors);
     if (bounced) r->stored_light = (float *)sbl__alloc_raw(base, pixels, 3 * sizeof *r->stored_light);
     if (r->spec->lobe) r->lobes = (sbl__pixel_lobe *)sbl__alloc(base, pixels, sizeof *r->lobes);
@@ -19938,12 +20014,12 @@ static int sbl__refine_counts(const sbl__refine *r, size_t index) {
    needs no sensor */
 static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown, const float stored[3],
                                   int shows_stored) {
-    float *light = r->layers + r->harmonics * index;
+    float *light = r->layers + r->layer_floats * index;
     sbl__pixel *p = &r->pixels[index];
     double uncertainty;
     *p = *shown;
     if (r->stored_light) memcpy(r->stored_light + 3 * index, stored, 3 * sizeof *stored);
-    memset(light, 0, r->harmonics * sizeof *light);
+    memset(light, 0, r->layer_floats * sizeof *light);
     if (shows_stored) {
         sbl__sensor *s = sbl__sensor_add(r, p);
         if (!s) return SBL_ERROR_OUT_OF_MEMORY;
@@ -19992,13 +20068,13 @@ static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; 
 static int64_t sbl__refine_looks(const sbl__refine *r) { return r->looks_taken; }
 
 static int sbl__refine_is_sensing(const sbl__refine *r) {
-    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT ||
-           r->stages.stage == SBL__REFINE_SEARCH;
+    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SENSE_SCOUTS ||
+           r->stages.stage == SBL__REFINE_SENSE_PLACES;
 }
 
 /* Returns 1 while no tile of the first round is listed: at first, after a restart, and after a search for places. */
 static int sbl__refine_is_at_start(const sbl__refine *r) {
-    return r->stages.stage <= SBL__REFINE_COLLECT && r->rounds == 0 && r->listed == 0;
+    return r->stages.stage <= SBL__REFINE_LIST && r->rounds == 0 && r->listed == 0;
 }
 
 static int sbl__refine_round_is_over(const sbl__refine *r) {
@@ -20017,8 +20093,13 @@ static double sbl__refine_looks_expected(const sbl__refine *r) {
     return SBL__MAX(r->expected_looks, (double)r->looks_taken + r->look_count);
 }
 
-/* >>refine: filling in one layer of light. A fill keeps its own position, so it can run at any time during
-   refinement. */
+/* ======================================================================================================== >>fill
+   Fills in one layer of light: all pixels get light, by interpolation between sensors. A fill keeps its own position,
+   so it can run at any time during refinement. */
+
+#define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
+                                           estimate explains all of a pixel's error */
+#define SBL__LEAST_NOISE 1e-12f         /* lower limit of a surface's noise in the radiance map; 0 marks empty pixels */
 
 typedef struct sbl__fill {
     /* The caller sets `refine` and `layer`; all other fields begin as 0. */
@@ -20584,7 +20665,13 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
    unknowns: texels until the point is added, then indices of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
+#define SBL__SEAMS_STAGES(X) \
+    X(SBL__SEAMS_EDGES, sbl__seams_make, sbl__seams_edge, sbl__seams_edges, NULL) \
+    X(SBL__SEAMS_BEFORE, sbl__seams_make_solver, sbl__seam_measure, sbl__seams_points, NULL) \
+    X(SBL__SEAMS_SOLVE, sbl__seams_solve, NULL, NULL, NULL) \
+    X(SBL__SEAMS_APPLY, NULL, sbl__seam_apply, sbl__seams_unknowns, sbl__seams_after_apply) \
+    X(SBL__SEAMS_AFTER, NULL, sbl__seam_measure, sbl__seams_points, NULL)
+enum { SBL__SEAMS_STAGES(SBL__STAGE_NAME) SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
     sbl__stages stages;
@@ -20863,13 +20950,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
    order, from 0 on; they share the points and the solver. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
-        { sbl__seams_make_solver, NULL, sbl__seam_measure, sbl__seams_points },
-        { sbl__seams_solve, NULL, NULL, NULL },
-        { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_measure, sbl__seams_points }
-    };
+    static const sbl__stage_row table[] = { SBL__SEAMS_STAGES(SBL__STAGE_ROW) };
     s->light = light;
     s->atlas = atlas;
     if (layer != s->layer) {
@@ -20983,6 +21064,24 @@ static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
 
 /* >>work: stages that several front ends share */
 
+/* Does a piece of the preparation for a measurement: hierarchy and lamps (sbl__scene_step), except in SBL_MODE_PAPER;
+   in SBL_MODE_GI also the store (sbl__bounce_step) and the glows (sbl__glow_step). All front ends that measure light
+   call it, in the stage sbl__work_prepare or sbl__map_prepare. Returns SBL_UNFINISHED until all is ready, then
+   SBL_SUCCESS. */
+static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
+    const sbl__hierarchy *h = &c->scene.hierarchy;
+    const int rays = s->options.mode != SBL_MODE_PAPER;
+    sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.scene.bvh_seconds = h->seconds;
+    c->stats.scene.lamps = rays ? c->scene.lamps.leaves : 0;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
+                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
+    if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
+    result = sbl__bounce_step(c, slice);
+    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
+}
+
 static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
     const sbl__work *w = (const sbl__work *)work;
     return sbl__prepare(w->core, &w->measurement, slice);
@@ -21032,7 +21131,7 @@ static double *sbl__work_seconds(const void *work) {
 
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
-   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. The front end
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_STAGES. The front end
    chooses the functions of the stages READ and PREVIEW.
 
    The map is made on the working grid. If texels of a lightmap are supersampled, this grid is finer than the map that
@@ -21049,10 +21148,22 @@ static double *sbl__work_seconds(const void *work) {
    interrupted for a glimpse: a map of direct light alone with few sensors. The stages from SURFACE to PREVIEW make it,
    then PREPARE continues. All measurements of the glimpse are dropped; only its preview stays for the host to read. */
 
-enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
-       SBL__MAP_DEVELOP, SBL__MAP_END };
+/* The first stages of a front end that has a map. read, preview: functions of the front end */
+#define SBL__MAP_STAGES(X, read, preview) \
+    X(SBL__MAP_SETUP, sbl__map_setup, NULL, NULL, NULL) \
+    X(SBL__MAP_PREPARE, sbl__map_prepare, NULL, NULL, sbl__map_after_prepare) \
+    X(SBL__MAP_SURFACE, sbl__map_surface, NULL, NULL, NULL) \
+    X(SBL__MAP_READ, read, NULL, NULL, sbl__map_after_read) \
+    X(SBL__MAP_REFINE, sbl__map_refine, NULL, NULL, sbl__map_after_refine) \
+    X(SBL__MAP_PREVIEW, preview, NULL, NULL, sbl__map_after_preview) \
+    X(SBL__MAP_DEVELOP, sbl__map_develop, NULL, NULL, sbl__map_after_develop)
+enum { SBL__MAP_STAGES(SBL__STAGE_NAME, NULL, NULL) SBL__MAP_END };
 
-enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
+#define SBL__DEVELOP_STAGES(X) \
+    X(SBL__DEVELOP_FILL, sbl__map_fill, NULL, NULL, NULL) \
+    X(SBL__DEVELOP_SEND, sbl__map_send, NULL, NULL, NULL) \
+    X(SBL__DEVELOP_FILTER, sbl__map_filter, NULL, NULL, NULL)
+enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
@@ -21084,7 +21195,7 @@ typedef struct sbl__map {
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
-    sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or the one of >>reflections */
+    sbl__refine *develops;      /* the refinement whose light DEVELOP develops, see sbl__map_develop_from */
     float reflected;            /* finished fraction of >>reflections, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS_MOST];
     sbl__pace filter_pace;
@@ -21206,7 +21317,6 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     int level;
     m->window = sbl__window_of(desc);
     m->desc = sbl__window_desc(desc, &m->window);
-    m->source = &m->refine;
     m->scene_version = c->scene.version;
     sbl__camera_make(&m->camera, desc, &m->window, &c->scene.geometry);
     m->size[0] = m->window.shown[0] / across;
@@ -21421,9 +21531,11 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes sbl__map_develop start again, with this layer. */
-static void sbl__map_develop_from(sbl__map *m, int layer) {
+/* Makes sbl__map_develop start again, with this layer of the map. refine: the refinement that has measured its light:
+   &m->refine or, for SBL__REFLECTIONS_LAYER of a picture, the refinement of >>reflections */
+static void sbl__map_develop_from(sbl__map *m, sbl__refine *refine, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
+    m->develops = refine;
     m->layer = layer;
     m->developing.stage = SBL__DEVELOP_FILL;
     m->developing.at = 0;
@@ -21431,8 +21543,8 @@ static void sbl__map_develop_from(sbl__map *m, int layer) {
 
 static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    m->fill.refine = m->source;
-    m->fill.layer = m->source == &m->refine ? m->layer : 0;
+    m->fill.refine = m->develops;
+    m->fill.layer = m->develops == &m->refine ? m->layer : 0;
     return sbl__fill_step(&m->fill, slice);
 }
 
@@ -21462,8 +21574,8 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
-    filter.radiance = &m->layers[m->source == &m->refine ? 0 : m->layer].light;
-    filter.layer = m->layer && m->source == &m->refine ? &layer->light : NULL;
+    filter.radiance = &m->layers[m->develops == &m->refine ? 0 : m->layer].light;
+    filter.layer = m->layer && m->develops == &m->refine ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     filter.is_group = m->spec.groups > 0;
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
@@ -21475,11 +21587,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
 
 /* Interpolates, uploads and filters m->layer, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__map_fill, NULL, NULL, NULL },
-        { sbl__map_send, NULL, NULL, NULL },
-        { sbl__map_filter, NULL, NULL, NULL }
-    };
+    static const sbl__stage_row table[] = { SBL__DEVELOP_STAGES(SBL__STAGE_ROW) };
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
@@ -21515,7 +21623,7 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
-    sbl__map_develop_from(m, 0);
+    sbl__map_develop_from(m, &m->refine, 0);
     return m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
@@ -21530,13 +21638,6 @@ static int sbl__map_after_preview(void *work) {
 }
 
 /* >>map: stages */
-
-/* The first rows of the table of stages of a front end, which provides the functions `read` and `preview`. */
-#define SBL__MAP_ROWS(read, preview) \
-    { sbl__map_setup, NULL, NULL, NULL }, { sbl__map_prepare, sbl__map_after_prepare, NULL, NULL }, \
-    { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
-    { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
-    { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
 static double *sbl__map_seconds(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
@@ -21598,7 +21699,8 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     m->watched = 1;
     if (m->previewed || m->glimpse == SBL__GLIMPSE_SHOWN) return SBL_SUCCESS;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__refine_error(&m->refine) < 0) return SBL_UNFINISHED;
-    if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
+    if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP)
+        sbl__map_develop_from(m, &m->refine, 0);
     do result = m->work.front_end->stages[SBL__MAP_PREVIEW].piece(m, &slice);
     while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS) m->previewed = sbl__refine_looks(&m->refine);
@@ -21936,8 +22038,15 @@ static float sbl__reflections_progress(const sbl__reflections *f) {
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a radiance map of the camera's view, then composition and anti-aliasing. */
 
-enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH,
-       SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
+#define SBL__PICTURE_STAGES(X) \
+    X(SBL__PICTURE_LOBES, sbl__picture_lobes, NULL, NULL, sbl__picture_after_lobes) \
+    X(SBL__PICTURE_REFLECT, sbl__picture_reflect, NULL, NULL, sbl__picture_after_reflect) \
+    X(SBL__PICTURE_DEVELOP, sbl__map_develop, NULL, NULL, sbl__picture_after_develop) \
+    X(SBL__PICTURE_FINISH, sbl__picture_finish, NULL, NULL, NULL) \
+    X(SBL__PICTURE_SAMPLE, sbl__picture_sample, NULL, NULL, NULL) \
+    X(SBL__PICTURE_RESOLVE, sbl__picture_resolve, NULL, NULL, sbl__picture_after_resolve)
+/* The stages after those of the map. SBL__PICTURE_LOBES is thus equal to SBL__MAP_END. */
+enum { SBL__PICTURE_LAST_OF_MAP = SBL__MAP_END - 1, SBL__PICTURE_STAGES(SBL__STAGE_NAME) SBL__PICTURE_DONE };
 
 /* A composition. textures[0]: radiance; textures[1]: the colour on a screen, made only with a tone */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
@@ -22237,8 +22346,7 @@ static sbl_result sbl__picture_reflect(void *work, sbl__slice *slice) {
 
 static int sbl__picture_after_reflect(void *work) {
     sbl__picture *p = (sbl__picture *)work;
-    sbl__map_develop_from(&p->map, SBL__REFLECTIONS_LAYER);
-    p->map.source = &p->reflections.refine;
+    sbl__map_develop_from(&p->map, &p->reflections.refine, SBL__REFLECTIONS_LAYER);
     return SBL__PICTURE_DEVELOP;
 }
 
@@ -22247,7 +22355,6 @@ static int sbl__picture_after_develop(void *work) {
     const sbl__device *d = &p->map.work.core->device;
     sbl__texture_delete(d, &p->map.layers[SBL__REFLECTIONS_LAYER].light);
     sbl__reflections_end(&p->reflections, &p->map);
-    p->map.source = &p->map.refine;
     p->map.channels[SBL_CHANNEL_SPECULAR] = &p->map.layers[SBL__REFLECTIONS_LAYER].smooth.target;
     return SBL__PICTURE_FINISH;
 }
@@ -22303,13 +22410,8 @@ static double *sbl__picture_seconds(const void *work) {
 }
 
 static const sbl__stage_row sbl__picture_stages[] = {
-    SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
-    { sbl__picture_lobes, sbl__picture_after_lobes, NULL, NULL },
-    { sbl__picture_reflect, sbl__picture_after_reflect, NULL, NULL },
-    { sbl__map_develop, sbl__picture_after_develop, NULL, NULL },
-    { sbl__picture_finish, NULL, NULL, NULL },
-    { sbl__picture_sample, NULL, NULL, NULL },
-    { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
+    SBL__MAP_STAGES(SBL__STAGE_ROW, sbl__map_read, sbl__picture_preview)
+    SBL__PICTURE_STAGES(SBL__STAGE_ROW)
 };
 static const sbl__front_end sbl__picture_front_end = {
     "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_need, sbl__picture_begin, sbl__picture_stages,
@@ -22320,8 +22422,15 @@ static const sbl__front_end sbl__picture_front_end = {
    The front end that bakes lightmaps: makes a radiance map of an atlas; then, for each layer of light, averages the
    supersampled texels, fills the gutters and evens out the seams. */
 
-enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_SEAMS, SBL__LIGHTMAP_SEND,
-       SBL__LIGHTMAP_SHARES, SBL__LIGHTMAP_GROUPS, SBL__LIGHTMAP_DONE };
+#define SBL__LIGHTMAP_STAGES(X) \
+    X(SBL__LIGHTMAP_LIGHT, sbl__lightmap_light, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_GUTTERS, sbl__lightmap_gutters, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_SEAMS, sbl__lightmap_sew, NULL, NULL, NULL) \
+    X(SBL__LIGHTMAP_SEND, sbl__lightmap_send, NULL, NULL, sbl__lightmap_after_send) \
+    X(SBL__LIGHTMAP_SHARES, NULL, sbl__lightmap_share, sbl__lightmap_share_rows, sbl__lightmap_after_shares) \
+    X(SBL__LIGHTMAP_GROUPS, sbl__lightmap_send_group, NULL, NULL, sbl__lightmap_after_group)
+/* The stages after those of the map. SBL__LIGHTMAP_LIGHT is thus equal to SBL__MAP_END. */
+enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__STAGE_NAME) SBL__LIGHTMAP_DONE };
 
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
@@ -22623,7 +22732,7 @@ static int sbl__lightmap_after_send(void *work) {
     if (m->layer) sbl__map_layer_free(d, &m->layers[m->layer]);
     m->finished = (float)(m->layer + 1) / (float)layer_count;
     if (m->layer + 1 < layer_count) {
-        sbl__map_develop_from(m, m->layer + 1);
+        sbl__map_develop_from(m, &m->refine, m->layer + 1);
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
@@ -22631,27 +22740,28 @@ static int sbl__lightmap_after_send(void *work) {
 }
 
 static const sbl__stage_row sbl__lightmap_stages[] = {
-    SBL__MAP_ROWS(sbl__lightmap_read, sbl__map_preview),
-    { sbl__lightmap_light, NULL, NULL, NULL },
-    { sbl__lightmap_gutters, NULL, NULL, NULL },
-    { sbl__lightmap_sew, NULL, NULL, NULL },
-    { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL },
-    { NULL, sbl__lightmap_after_shares, sbl__lightmap_share, sbl__lightmap_share_rows },
-    { sbl__lightmap_send_group, sbl__lightmap_after_group, NULL, NULL }
+    SBL__MAP_STAGES(SBL__STAGE_ROW, sbl__lightmap_read, sbl__map_preview)
+    SBL__LIGHTMAP_STAGES(SBL__STAGE_ROW)
 };
 static const sbl__front_end sbl__lightmap_front_end = {
     "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_need, sbl__lightmap_begin, sbl__lightmap_stages,
     SBL__LIGHTMAP_DONE, sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
 };
 
-/* ======================================================================================================== >>windows
+/* ======================================================================================================== >>joining
    The front end that joins the windows of a lightmap. The host has put them together; this front end makes the gutters
    and seams of the whole map, layer by layer. */
 
-enum { SBL__WINDOWS_CHECK, SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE,
-       SBL__WINDOWS_SHARES, SBL__WINDOWS_DONE };
+#define SBL__JOINING_STAGES(X) \
+    X(SBL__JOINING_CHECK, NULL, sbl__joining_check_texels, sbl__joining_rows, NULL) \
+    X(SBL__JOINING_TAKE, sbl__joining_take, NULL, NULL, NULL) \
+    X(SBL__JOINING_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
+    X(SBL__JOINING_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
+    X(SBL__JOINING_GIVE, sbl__joining_give, NULL, NULL, sbl__joining_after_give) \
+    X(SBL__JOINING_SHARES, NULL, sbl__joining_share, sbl__joining_share_rows, NULL)
+enum { SBL__JOINING_STAGES(SBL__STAGE_NAME) SBL__JOINING_DONE };
 
-#define SBL__WINDOWS_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
+#define SBL__JOINING_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
 
 typedef struct sbl__joining {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -22736,7 +22846,7 @@ static sbl_result sbl__joining_check_texels(void *work, int row) {
 /* Returns how many texels the next piece of TAKE or GIVE copies. */
 static int sbl__joining_texels(const sbl__joining *j) {
     const sbl_lightmap_desc *d = &j->desc.lightmap;
-    const int rows = SBL__MAX(1, SBL__WINDOWS_TEXELS / d->width);
+    const int rows = SBL__MAX(1, SBL__JOINING_TEXELS / d->width);
     return SBL__MIN(rows, d->height - j->work.stages.at) * d->width;
 }
 
@@ -22795,7 +22905,7 @@ static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
 static int sbl__joining_after_give(void *work) {
     sbl__joining *j = (sbl__joining *)work;
     sbl__gutters_free(&j->work.core->base, &j->gutters);
-    return ++j->layer < sbl__joining_layers(j) ? SBL__WINDOWS_TAKE : SBL__WINDOWS_SHARES;
+    return ++j->layer < sbl__joining_layers(j) ? SBL__JOINING_TAKE : SBL__JOINING_SHARES;
 }
 
 static int sbl__joining_share_rows(void *work) {
@@ -22820,20 +22930,13 @@ static double *sbl__joining_seconds(const void *work) {
 static float sbl__joining_progress(const void *work) {
     const sbl__joining *j = (const sbl__joining *)work;
     if (sbl__work_is_done(&j->work)) return 1;
-    return SBL__MIN(((float)j->layer + (float)j->work.stages.stage / (float)SBL__WINDOWS_DONE) /
+    return SBL__MIN(((float)j->layer + (float)j->work.stages.stage / (float)SBL__JOINING_DONE) /
                     (float)sbl__joining_layers(j), 1);
 }
 
-static const sbl__stage_row sbl__joining_stages[] = {
-    { NULL, NULL, sbl__joining_check_texels, sbl__joining_rows },
-    { sbl__joining_take, NULL, NULL, NULL },
-    { sbl__joining_gutters, NULL, NULL, NULL },
-    { sbl__joining_sew, NULL, NULL, NULL },
-    { sbl__joining_give, sbl__joining_after_give, NULL, NULL },
-    { NULL, NULL, sbl__joining_share, sbl__joining_share_rows }
-};
+static const sbl__stage_row sbl__joining_stages[] = { SBL__JOINING_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__windows_front_end = {
-    "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__WINDOWS_DONE,
+    "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__JOINING_DONE,
     sbl__joining_seconds, sbl__joining_progress, sbl__joining_free
 };
 
@@ -22842,7 +22945,12 @@ static const sbl__front_end sbl__windows_front_end = {
 
 #define SBL__UNIT_SLACK 1e-6     /* normals are normalised if their squared length differs from 1 by more than this */
 
-enum { SBL__GATHER_PREPARE, SBL__GATHER_SETUP, SBL__GATHER_SITES, SBL__GATHER_SENSE, SBL__GATHER_DONE };
+#define SBL__GATHER_STAGES(X) \
+    X(SBL__GATHER_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__GATHER_SETUP, sbl__gathering_setup, NULL, NULL, sbl__gathering_next_job) \
+    X(SBL__GATHER_SITES, NULL, sbl__gathering_site, sbl__work_site_count, NULL) \
+    X(SBL__GATHER_SENSE, sbl__work_sense, NULL, NULL, sbl__gathering_after_sense)
+enum { SBL__GATHER_STAGES(SBL__STAGE_NAME) SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -22935,12 +23043,7 @@ static float sbl__gathering_progress(const void *work) {
     return (float)((g->first + sbl__work_measured(&g->work, SBL__GATHER_SENSE)) / SBL__MAX(1, g->desc.site_count));
 }
 
-static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { sbl__gathering_setup, sbl__gathering_next_job, NULL, NULL },
-    { NULL, NULL, sbl__gathering_site, sbl__work_site_count },
-    { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
-};
+static const sbl__stage_row sbl__gathering_stages[] = { SBL__GATHER_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__readings_front_end = {
     "sbl_begin_readings", 0, sbl__gathering_check, NULL, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
     sbl__work_seconds, sbl__gathering_progress, sbl__gathering_free
@@ -22980,15 +23083,26 @@ static const sbl__front_end sbl__readings_front_end = {
                                            row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
-enum {
-    SBL__VERTICES_PREPARE, SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_SETUP,
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
-    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
-    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
-    SBL__VERTICES_WRITE,
-    SBL__VERTICES_NEXT,  /* returns to SOLVE for each light group */
-    SBL__VERTICES_SHARES, SBL__VERTICES_DONE
-};
+/* SITES to TAKE are repeated for each job; SPREAD and MEAN for each ring of unknowns around those with light; NEXT
+   returns to SOLVE for each light group. */
+#define SBL__VERTICES_STAGES(X) \
+    X(SBL__VERTICES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__VERTICES_FACES, NULL, sbl__vertices_face, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_WELD, NULL, sbl__vertices_weld, sbl__vertices_count, NULL) \
+    X(SBL__VERTICES_SIDES, NULL, sbl__vertices_sides, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_SETUP, sbl__vertices_setup, NULL, NULL, sbl__vertices_next_job) \
+    X(SBL__VERTICES_SITES, NULL, sbl__vertices_ask, sbl__work_site_count, NULL) \
+    X(SBL__VERTICES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
+    X(SBL__VERTICES_TAKE, NULL, sbl__vertices_take, sbl__work_site_count, sbl__vertices_next_job) \
+    X(SBL__VERTICES_MASS, NULL, sbl__vertices_mass, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_BEND, NULL, sbl__vertices_bend, sbl__vertices_hinges, NULL) \
+    X(SBL__VERTICES_SOLVE, sbl__vertices_solve, sbl__vertices_average, sbl__vertices_averages, NULL) \
+    X(SBL__VERTICES_SPREAD, NULL, sbl__vertices_spread, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_MEAN, NULL, sbl__vertices_mean, sbl__vertices_count, sbl__vertices_after_mean) \
+    X(SBL__VERTICES_WRITE, NULL, sbl__vertices_write, sbl__vertices_count, sbl__vertices_after_write) \
+    X(SBL__VERTICES_NEXT, NULL, sbl__vertices_next, sbl__vertices_triangles, sbl__vertices_after_next) \
+    X(SBL__VERTICES_SHARES, NULL, sbl__vertices_share, sbl__vertices_shared, sbl__vertices_after_shares)
+enum { SBL__VERTICES_STAGES(SBL__STAGE_NAME) SBL__VERTICES_DONE };
 
 /* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
    in the scene". */
@@ -23608,24 +23722,7 @@ static float sbl__vertices_progress(const void *work) {
     return SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points));
 }
 
-static const sbl__stage_row sbl__vertices_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
-    { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
-    { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_setup, sbl__vertices_next_job, NULL, NULL },
-    { NULL, NULL, sbl__vertices_ask, sbl__work_site_count },
-    { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__work_site_count },
-    { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
-    { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
-    { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
-    { NULL, NULL, sbl__vertices_spread, sbl__vertices_triangles },
-    { NULL, sbl__vertices_after_mean, sbl__vertices_mean, sbl__vertices_count },
-    { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count },
-    { NULL, sbl__vertices_after_next, sbl__vertices_next, sbl__vertices_triangles },
-    { NULL, sbl__vertices_after_shares, sbl__vertices_share, sbl__vertices_shared }
-};
+static const sbl__stage_row sbl__vertices_stages[] = { SBL__VERTICES_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__vertices_front_end = {
     "sbl_begin_vertices", 0, sbl__vertices_check, NULL, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
     sbl__vertices_seconds, sbl__vertices_progress, sbl__vertices_free
@@ -23660,8 +23757,13 @@ static const sbl__front_end sbl__vertices_front_end = {
 
 enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
-       SBL__PROBES_DONE };
+#define SBL__PROBES_STAGES(X) \
+    X(SBL__PROBES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
+    X(SBL__PROBES_SETUP, sbl__probes_setup, NULL, NULL, sbl__probes_batch) \
+    X(SBL__PROBES_SITES, NULL, sbl__probes_site, sbl__work_site_count, NULL) \
+    X(SBL__PROBES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
+    X(SBL__PROBES_TAKE, NULL, sbl__probes_take, sbl__work_site_count, sbl__probes_after_take)
+enum { SBL__PROBES_STAGES(SBL__STAGE_NAME) SBL__PROBES_DONE };
 
 /* weighted sums that become the fields of sbl_probe with the same name */
 typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
@@ -24053,13 +24155,7 @@ static float sbl__probes_progress(const void *work) {
     return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
 
-static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__work_prepare, NULL, NULL, NULL },
-    { sbl__probes_setup, sbl__probes_batch, NULL, NULL },
-    { NULL, NULL, sbl__probes_site, sbl__work_site_count },
-    { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__work_site_count }
-};
+static const sbl__stage_row sbl__probes_stages[] = { SBL__PROBES_STAGES(SBL__STAGE_ROW) };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, NULL, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
     sbl__work_seconds, sbl__probes_progress, sbl__probes_free
@@ -24109,7 +24205,7 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const sbl__lights *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
+    const sbl__lamps *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
     const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
@@ -24941,7 +25037,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     int i, has;
     if (result != SBL_SUCCESS) return result;
     snprintf(check.where, sizeof check.where, "%s", function);
-    has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
+    has = desc->materials ? c->core.scene.material_count : c->core.scene.lamps.light_count;
     check.base = &c->core.base;
     if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
     for (i = 0; i < count && count == has; i++) {

@@ -437,6 +437,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     sbl_result result = SBL_SUCCESS;
     int n, status = DONE;
     survey_begin(s, task->context);
+    if (chooses) camera_check(task->file);
     if (relight || (chooses && !camera_of_file(task->file, &shot, s))) result = survey_take(s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);

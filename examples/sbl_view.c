@@ -586,6 +586,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     view.task = task;
     view.mode = common_mode(given);
     survey_begin(s, task->context);
+    if (!given[EYE]) camera_check(task->file);
     if (relight || (!given[EYE] && !camera_of_file(task->file, &view.camera, s)))
         result = survey_take(s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");

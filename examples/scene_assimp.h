@@ -794,6 +794,27 @@ static void scene__mesh(scene__reader *r, const struct aiMesh *in, sbl_mesh *out
     scene__attributes(r, in, out);
 }
 
+/* Counts the triangles of a .gltf that assimp has dropped, because they lack a corner; see scene__name_meshes. Meshes
+   that no node of the scene uses are not read. */
+static void scene__count_lost(const scene__reader *r) {
+    const scene__taken *t = &r->taken;
+    double lost = 0;
+    unsigned i, k;
+    int number;
+    char *is_read = (char *)calloc((size_t)t->mesh_count + 1, 1);
+    if (!is_read) { scene__fail_for_memory(r->file, "it"); return; }
+    for (i = 0; i < r->in->mNumMeshes && t->triangles; i++) {
+        const struct aiMesh *in = r->in->mMeshes[i];
+        if (sscanf(in->mName.data, "(mesh %d)", &number) != 1 || number < 0 || number >= t->mesh_count) continue;
+        is_read[number] = 1;
+        for (k = 0; k < in->mNumFaces; k++) t->triangles[number] -= in->mFaces[k].mNumIndices == 3;
+    }
+    for (number = 0; number < t->mesh_count; number++)
+        if (is_read[number] && t->triangles[number] > 0) lost += t->triangles[number];
+    r->file->simplified[SCENE_FILE_CORNERS] = (int)fmin(lost, INT32_MAX);
+    free(is_read);
+}
+
 /* ---- cameras and lights ---- */
 
 static void scene__direction(float out[3], const double m[16], const struct aiVector3D *v) {
@@ -1167,6 +1188,7 @@ static void scene__convert(scene__reader *r) {
         for (i = 0; i < r->in->mNumMaterials && !r->not_matte; i++) scene__make_matte(&r->materials[i]);
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
         for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &r->shared[i]);
+        if (r->is_gltf) scene__count_lost(r);
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
         qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
         if (!file->error[0]) scene__nodes(r);
@@ -1253,6 +1275,7 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
                     aiGetErrorString()[0] ? aiGetErrorString() : "it contains no scene");
     if (r.in) aiReleaseImport(r.in);
     free(r.taken.transforms);
+    free(r.taken.triangles);
     free(r.taken.floats.data);
     scene__free_mtl(&r.mtl);
 }

@@ -127,6 +127,10 @@ typedef struct scene_file_options {
     X(AREA, "light", "lights", "area lights and ambient lights are left out") \
     X(CAMERA, "camera", "cameras", "orthographic cameras are not used, and the file has no other: a view was chosen") \
     X(LINES, "mesh", "meshes", "lines and points are left out") \
+    X(CORNERS, "triangle", "triangles", "triangles with missing corners are left out: an index is too large, or the " \
+        "number of indices is wrong") \
+    X(ATTRIBUTE, "mesh", "meshes", "normals, colours or texture coordinates are ignored, because their number is not " \
+        "that of the positions") \
     X(FLAT, "node", "nodes", "nodes whose scale is 0 along an axis are left out") \
     X(POSE, "mesh", "meshes", "skins and morph targets are read in their rest pose") \
     X(ANIMATION, "animation", "animations", "animations are ignored: nodes stand where the file puts them")

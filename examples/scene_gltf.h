@@ -11,8 +11,9 @@
    names of nodes. assimp takes integers for floats; therefore scene_integers.h converts the vertices. assimp scales and
    turns texture coordinates about a wrong point, and stores them in the place of TEXCOORD_1; therefore
    KHR_texture_transform is removed, and the reader transforms the coordinates. assimp takes compressed meshes for
-   floats; therefore a file that requires one of these extensions is refused. Invalid content is left unchanged, so that
-   assimp reports it. */
+   floats; therefore a file that requires one of these extensions is refused. assimp drops triangles and attributes that
+   are broken, without a message; therefore the index of each mesh is put before its name, and the reader counts what is
+   missing. Other invalid content is left unchanged, so that assimp reports it. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -37,6 +38,8 @@ typedef struct scene__transform { float m[6]; } scene__transform;
 typedef struct scene__taken {
     scene__transform *transforms;  /* SCENE__PICTURES for each material, in the order of the file; or NULL */
     int material_count;
+    double *triangles;             /* the number of triangles of each mesh, in the order of the file; or NULL */
+    int mesh_count;
     scene__bytes floats;           /* see scene_integers.h; data is NULL if no vertices were integers */
 } scene__taken;
 
@@ -258,6 +261,58 @@ static void scene__name_materials(scene_file *file, cJSON *root) {
     }
 }
 
+/* Returns the count of an accessor, or 0 if there is no such accessor. item: refers to it */
+static double scene__count_of(const cJSON *item, cJSON *const *accessors, int accessor_count) {
+    const int number = cJSON_IsNumber(item) ? item->valueint : -1;
+    return number >= 0 && number < accessor_count ? scene__whole_of(accessors[number], "count", 0) : 0;
+}
+
+/* Returns the number of triangles of a primitive, where one that lacks a corner counts, too. vertices: number of its
+   positions */
+static double scene__triangles_of(const cJSON *primitive, double vertices, cJSON *const *accessors, int count) {
+    const cJSON *indices = scene__item(primitive, "indices");
+    const double mode = scene__whole_of(primitive, "mode", 4);
+    const double corners = indices ? scene__count_of(indices, accessors, count) : vertices;
+    if (mode < 4) return 0;
+    return mode > 4 ? fmax(corners - 2, 0) : ceil(corners / 3);
+}
+
+/* Returns 1 if the reader uses an attribute of this name in addition to the positions. name: NULL if the file has a
+   list in the place of the attributes */
+static int scene__is_read(const char *name) {
+    if (!name) return 0;
+    return strcmp(name, "NORMAL") == 0 || strcmp(name, "COLOR_0") == 0 || strncmp(name, "TEXCOORD_", 9) == 0;
+}
+
+/* Puts before the name of each mesh the text that scene__count_lost reads, and stores the number of its triangles.
+   Counts the meshes with attributes that assimp drops, because they have fewer or more elements than the positions. */
+static void scene__name_meshes(scene_file *file, cJSON *root, scene__taken *out) {
+    cJSON *const meshes = scene__item(root, "meshes"), *mesh, *primitive, *attribute;
+    int count, number = 0;
+    cJSON **accessors = scene__items_of(scene__item(root, "accessors"), &count);
+    out->mesh_count = cJSON_GetArraySize(meshes);
+    out->triangles = (double *)calloc((size_t)out->mesh_count + 1, sizeof *out->triangles);
+    if (!accessors || !out->triangles) { scene__fail_for_memory(file, "it"); free(accessors); return; }
+    cJSON_ArrayForEach(mesh, meshes) {
+        const char *name = cJSON_GetStringValue(scene__item(mesh, "name"));
+        char unique[256];
+        int differs = 0;
+        cJSON_ArrayForEach(primitive, scene__item(mesh, "primitives")) {
+            const cJSON *attributes = scene__item(primitive, "attributes");
+            const double vertices = scene__count_of(scene__item(attributes, "POSITION"), accessors, count);
+            out->triangles[number] += scene__triangles_of(primitive, vertices, accessors, count);
+            cJSON_ArrayForEach(attribute, attributes)
+                if (scene__is_read(attribute->string))
+                    differs |= fabs(scene__count_of(attribute, accessors, count) - vertices) > 0;
+        }
+        if (differs) scene__count(file, SCENE_FILE_ATTRIBUTE);
+        scene__print(unique, sizeof unique, "(mesh %d) %.200s", number++, name ? name : "");
+        cJSON_DeleteItemFromObjectCaseSensitive(mesh, "name");
+        cJSON_AddStringToObject(mesh, "name", unique);
+    }
+    free(accessors);
+}
+
 /* Makes the sets of texture coordinates of each primitive contiguous. A TEXCOORD_1 without TEXCOORD_0 becomes both.
    Sets after a missing one are dropped. */
 static void scene__order_texcoords(cJSON *root) {
@@ -379,6 +434,7 @@ static void scene__mend_json(scene_file *file, cJSON *root, scene__taken *taken)
     item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
     if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
         file->map_size = item->valueint;
+    scene__name_meshes(file, root, taken);
     scene__order_texcoords(root);
     scene__name_places(file, root);
     scene__name_materials(file, root);
@@ -442,7 +498,7 @@ static void scene__mend_gltf(scene_file *file, const char *path, scene__bytes *b
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
         "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility",
-        "KHR_texture_transform", "KHR_mesh_quantization", "normalized", "_texture_" };
+        "KHR_texture_transform", "KHR_mesh_quantization", "normalized", "_texture_", "indices", "NORMAL", "COLOR_0" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

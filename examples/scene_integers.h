@@ -185,7 +185,7 @@ static void scene__convert_integers(scene_file *file, const char *path, scene__b
             cJSON_ArrayForEach(attribute, scene__item(primitive, "attributes")) {
                 const char *name = attribute->string;
                 const int number = cJSON_IsNumber(attribute) ? attribute->valueint : -1;
-                if (file->error[0] || number < 0 || number >= s.accessor_count) continue;
+                if (file->error[0] || !name || number < 0 || number >= s.accessor_count) continue;
                 if (strcmp(name, "POSITION") == 0 || strcmp(name, "NORMAL") == 0 || strncmp(name, "TEXCOORD_", 9) == 0)
                     scene__convert_accessor(&s, s.accessor[number]);
             }

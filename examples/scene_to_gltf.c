@@ -1,6 +1,6 @@
 /* Demonstrates how to read a scene file and write it as glTF: scene_to_gltf SCENE FOLDER/FILE.gltf. It also writes
-   FOLDER/scene.bin, and a FOLDER/texture_N.png for each texture, and overwrites existing files. scripts/sbl_unwrap uses
-   it for scenes in other formats. */
+   FOLDER/scene.bin, and a FOLDER/texture_N.png for each texture, and overwrites existing files. It prints what the
+   reader simplifies or ignores. scripts/sbl_unwrap uses it for scenes in other formats. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "picture_file.h"
@@ -32,13 +32,25 @@ static int write_one(const gltf_file *f, const char *path, int what) {
     return fclose(out) == 0 && ok ? 1 : fail(own, "it cannot be written");
 }
 
+/* Prints the warnings of the reader, except that about a camera, which says that another view was chosen. */
+static void print_warnings(const scene_file *file, const char *path) {
+    char text[256];
+    int i;
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++)
+        fprintf(stderr, "scene_to_gltf: warning: %s: %s\n", path, file->warnings[i]);
+    for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) {
+        scene_file_warning(file, (scene_file_kind)i, text, sizeof text);
+        if (text[0] && i != SCENE_FILE_CAMERA) fprintf(stderr, "scene_to_gltf: warning: %s: %s\n", path, text);
+    }
+}
+
 int main(int argc, char **argv) {
     char error[512];
     float camera[10];
     scene_file *file;
     gltf_file out;
     int i, ok = 1;
-    if (argc != 3) {
+    if (argc != 3 || !scene__ends_with(argv[2], ".gltf")) {
         fprintf(stderr, "usage: scene_to_gltf SCENE FOLDER/FILE.gltf\n");
         return 2;
     }
@@ -47,8 +59,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "scene_to_gltf: %s\n", error);
         return 1;
     }
-    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++)
-        fprintf(stderr, "scene_to_gltf: warning: %s: %s\n", argv[1], file->warnings[i]);
+    print_warnings(file, argv[1]);
     scene_file_scale_lights(file, -1);
     memset(&out, 0, sizeof out);
     out.scene = &file->scene;

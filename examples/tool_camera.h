@@ -87,6 +87,15 @@ static int camera_of_file(const scene_file *file, camera_view *view, const surve
     return view->of_file = file->has_camera && camera_take(&file->camera, view) && !camera_is_unplaced(file, s);
 }
 
+/* Warns if the file has a camera whose values are invalid. */
+static inline void camera_check(const scene_file *file) {
+    camera_view unused;
+    if (file->has_camera && !camera_take(&file->camera, &unused))
+        warn("%s: the camera of the file is not used, because its field of view (%.3g degrees) is not between 1 and "
+             "179 degrees, or its place is too far away: a view was chosen", common.scene,
+             (double)(file->camera.fov_y > 0 ? file->camera.fov_y : file->camera.fov_x));
+}
+
 /* Places the camera so that the corners of the bounds just fit into the picture, with a margin of a fourteenth of the
    picture on each side. */
 static void camera__frame(const survey *s, camera_view *view) {

@@ -64,7 +64,7 @@ bool sbl_is_bumpy(int object) { return false; }
 uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction
 uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
-const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // sbl_follow adds this to the point after each iteration
+const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
 const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces
@@ -220,39 +220,47 @@ void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_
     m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));
 }
 
+// The ray that sbl_follow traces next
+const int SBL_CAMERA_RAY = 0, SBL_ASIDE_RAY = 1, SBL_NEXT_RAY = 2;
+
 // Follows the camera ray while the surface s, which has triangle `number`, is a mirror or a pane. Replaces s by
-// the surface that the last ray hits. If the ray misses the triangle, it is traced first, and s becomes the
-// surface that it hits.
+// the surface that the last ray hits. Each iteration traces one ray. If the camera ray misses the triangle, it is
+// traced first, and s becomes the surface that it hits. At each mirror or pane, the ray `aside` is traced until it
+// ends, then the ray `next`, which leads to the next mirror or pane. Drivers compile a copy of sbl_trace for each
+// call, so all rays share one call.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);
     sbl_Leaving next, aside;
-    bool goes_on = true, is_camera = sbl_misses(number, origin, direction);
+    int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;
+    bool goes_on = true;
     int hits = 0;     // number of surfaces at which the ray `aside` has gone on
     int panes = 0;    // number of panes that the ray `next` has passed
-    // Even iterations trace the ray `aside`, odd iterations trace the ray `next`. Drivers compile a copy of
-    // sbl_trace for each call, so both rays share one call.
-    for (int iteration = 0; iteration < 2 * SBL_MIRRORS && (goes_on || hits > 0); iteration++) {
-        bool is_aside = (iteration & 1) == 0 && !is_camera;
-        vec2 point = fract(sample_point + float(iteration + hits) * SBL_POINT_STEP);
+    int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes
+    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {
+        bool is_aside = turn == SBL_ASIDE_RAY;
+        int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;
+        vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);
         if (is_aside && hits == 0) {
             bool pane;
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
             goes_on = next.weight != vec3(0);
-            if (goes_on && pane && panes++ < SBL_PANES) iteration -= 2;  // does not count as a mirror
+            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror
             for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)
                 sbl_show_stored(m, s, m.number, true, vec3(1));
             if (goes_on) m.emission += m.throughput * s.emission;
         }
         sbl_Leaving ray = next;
         if (is_aside) ray = aside;
-        if (is_camera) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));
-        if (ray.weight == vec3(0)) continue;
+        if (turn == SBL_CAMERA_RAY) ray = sbl_Leaving(origin + ray_start * direction, direction, vec3(1));
+        if (ray.weight == vec3(0)) {  // only the ray `aside` may be missing: without `next`, the loop ends
+            turn = SBL_NEXT_RAY;
+            continue;
+        }
         sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
-        if (is_camera) {
+        if (turn == SBL_CAMERA_RAY) {
             sbl_correct(s, m, hit, origin, direction);
             goes_on = m.number >= 0;
-            is_camera = false;
-            iteration--;
+            turn = SBL_ASIDE_RAY;
             continue;
         }
         bool is_sky = hit.triangle < 0;
@@ -270,12 +278,13 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         if (hits > 0) {
             m.emission += m.throughput * ray.weight * found.emission;
             aside = further;
-            iteration--;  // the same iteration is repeated for `further`
-            continue;
+            continue;  // it is the turn of `further`
         }
         if (is_aside && !is_sky) light = found.emission;
         m.emission += m.throughput * ray.weight * light;
+        turn = is_aside ? SBL_NEXT_RAY : SBL_ASIDE_RAY;
         if (is_aside) continue;
+        mirrors++;
         m.direction = ray.direction;
         m.throughput *= ray.weight;
         m.sky = is_sky;

@@ -1681,15 +1681,24 @@ TEST(dropped_parts_of_gltf_are_named) {
     }
 }
 
-/* If the only camera of a file is orthographic, another view is chosen, and a warning says so. The unit of an FBX file
+/* If the only camera of a file is orthographic, or has a field of view that no tool can use, another view is chosen,
+   and a warning says so. The unit of an FBX file
    is printed, because it changes the positions that options give. */
 TEST(cameras_and_units_are_named) {
     static const char *const lines[] = {
         "orthographic cameras are not used, and the file has no other: a view was chosen (1 camera)" };
+    static const char *const narrow[] = { "the camera of the file is not used, because its field of view (0.573 "
+        "degrees) is not between 1 and 179 degrees, or its place is too far away: a view was chosen" };
     materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,"
                    "\"znear\":0,\"zfar\":9}}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
     TOOL("squares.gltf", SQUARES);
     check_warnings("squares.gltf", lines, 1);
+    materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":0.01,\"znear\":1}}],"
+                   "\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", narrow, 1);
+    TOOL("squares.gltf", SQUARES, "--eye", "0,1,9");
+    check_warnings("squares.gltf", NULL, 0);
     tool_use("sbl_bake");
     TOOL("squares.gltf", "--mode", "direct", "--sky", "1,1,1", "--preset", "draft", "--vertices", "-o", "squares.ply");
     check_warnings("squares.gltf", NULL, 0);
@@ -1700,6 +1709,21 @@ TEST(cameras_and_units_are_named) {
                "PolygonVertexIndex: *3 {\na: 0,1,-3\n}\nGeometryVersion: 124\n}\nModel: 2, \"Model::m\", \"Mesh\" {\n"
                "Version: 232\nProperties70: {\n}\n}\n}\nConnections: {\nC: \"OO\",2,0\nC: \"OO\",1,2\n}\n");
     CHECK(TOOL("unit.fbx", SQUARES) == 0 && ran.err_lines == 1 && strstr(ran.err, "its unit is 0.01 m"), "%s", ran.err);
+}
+
+/* The converter names what it drops, too, because it cannot be seen in the file that it writes. It writes no .glb. */
+TEST(the_converter_names_what_it_drops) {
+    materials_gltf(MATTE "},\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}", "\"cameras\":["
+                   "{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,\"znear\":0,\"zfar\":9}}],"
+                   "\"nodes\":[{\"mesh\":0},{\"mesh\":2},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1,2]}]");
+    tool_use("scene_to_gltf");
+    TOOL("squares.gltf", "converted.gltf");
+    CHECK(ran.status == 0 && ran.err_lines == 2 &&
+          strstr(ran.err, "squares.gltf: clear coat is ignored (1 material)") &&
+          strstr(ran.err, "squares.gltf: lines and points are left out (1 mesh)"), "%d: %s", ran.status, ran.err);
+    TOOL("squares.gltf", "converted.glb");
+    CHECK(ran.status == 2 && strstr(ran.err, "FILE.gltf"), "%d: %s", ran.status, ran.err);
+    tool_use("sbl_render");
 }
 
 /* Copies the texts from `at` to the next semicolon that is not in a text, each with a line end, and returns their end.
@@ -2663,6 +2687,7 @@ int main(int argc, char **argv) {
     RUN(substitutions_are_named);
     RUN(dropped_parts_of_gltf_are_named);
     RUN(cameras_and_units_are_named);
+    RUN(the_converter_names_what_it_drops);
     RUN(missing_mtl_files_are_named);
     RUN(materials_can_be_matte);
     RUN(normal_maps_are_shown);

@@ -179,6 +179,46 @@ TEST(edges_of_lamps_are_smooth) {
     }
 }
 
+/* A wall's edges cut pixels into parts. There, FINAL shows R at the samples on the wall, which differs from R at the
+   centre of the pixel, by up to 7 % below a point light near the wall. A directional light shows which part of a pixel
+   the wall covers. */
+TEST(edges_show_the_light_at_samples) {
+    static const double edges[4] = { -1.324, 1.527, -1.729, 1.325 };  /* least and largest x, least and largest y */
+    const double pixel = 20 * tan(20 * TEST_PI / 180) / HEIGHT, high = 1.2;
+    float *final[2];
+    int light, e, i, steps = 1000;
+    for (light = 0; light < 2; light++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 40, 0, 0, 10, 0, 0, 0), SBL_TONE_CLIP);
+        sbl_light *l = scene_light(&s, light ? SBL_LIGHT_DIRECTIONAL : SBL_LIGHT_POINT, 1, 1, 1);
+        const float x0 = (float)edges[0], x1 = (float)edges[1], y0 = (float)edges[2], y1 = (float)edges[3];
+        if (light) l->direction[2] = -1;
+        else l->position[2] = (float)high;
+        view.samples = 64;
+        view.tile = 1;
+        scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), x0, y0, 0, x1, y0, 0, x1, y1, 0, x0, y1, 0);
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        final[light] = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+        scene_free(&s);
+    }
+    for (e = 0; e < 4; e++) {
+        const int axis = e / 2, at = (int)floor(edges[e] / pixel);  /* counted from the centre of the picture */
+        const int cut = axis ? (HEIGHT / 2 - 1 - at) * WIDTH + WIDTH / 2 : HEIGHT / 2 * WIDTH + WIDTH / 2 + at;
+        const double other = edges[e] < 0 ? at + 1 : at, length = fabs(other * pixel - edges[e]);
+        double expected = 0, seen;
+        for (i = 0; i < steps; i++) {
+            const double d = edges[e] + (edges[e] < 0 ? 1 : -1) * (i + 0.5) / steps * length;
+            expected += high / pow(d * d + pixel * pixel / 4 + high * high, 1.5) / steps;
+        }
+        seen = (double)final[0][3 * cut] / (double)final[1][3 * cut];
+        CHECK(length / pixel > 0.5 && length / pixel < 0.6, "edge %d covers %.2f of a pixel", e, length / pixel);
+        CHECK(fabs(seen / expected - 1) < 0.005, "edge %d: light %.5f, expected %.5f (%+.2f %%)", e, seen, expected,
+              100 * (seen / expected - 1));
+    }
+    free(final[0]);
+    free(final[1]);
+}
+
 /* A backdrop is shown where there is no surface, and fades to 0.3 at the upper edge. Everything else has the same bits.
    A brighter sky hides the backdrop. */
 TEST(a_backdrop_is_behind_objects) {
@@ -311,6 +351,7 @@ int main(void) {
     RUN(agx_of_grey);
     RUN(other_channels_stay_as_they_are);
     RUN(edges_of_lamps_are_smooth);
+    RUN(edges_show_the_light_at_samples);
     RUN(a_backdrop_is_behind_objects);
     RUN(exposure_follows_the_light);
     RUN(highlights_limit_the_exposure);

@@ -190,7 +190,7 @@ TEST(the_picture_is_the_same) {
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
-        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SCOUT;
+        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SENSE_SCOUTS;
         guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS,
@@ -468,12 +468,20 @@ TEST(guides_are_bounded) {
     sbl__guides_free(&core.device, &r.guides);
 }
 
-/* Returns the guide of a pixel of the full picture, or NULL if there is none or too few surround it, because a window
-   knows only the scouts of its working grid. */
+/* Returns the distance of a pixel of the full picture from the window, in pixels; 0: the window shows it. */
+static int distance_to_window(const sbl__refine *r, int x, int y) {
+    const sbl__window *w = &r->window;
+    int reach = 0;
+    while (!sbl__window_covers(w, reach, x - w->first[0], y - w->first[1])) reach++;
+    return reach;
+}
+
+/* Returns the guide of a pixel of the full picture, or NULL if there is none, or if it serves no sensor whose error
+   counts: a window knows only the scouts that such guides need. */
 static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
     const sbl__guides *g = &r->guides;
     const int column = x / g->step - g->first[0], row = y / g->step - g->first[1];
-    if (column < 2 || row < 2 || column >= g->columns - 2 || row >= g->rows - 2) return NULL;
+    if (distance_to_window(r, x, y) >= r->window.margin + g->step) return NULL;
     return sbl__guide_words(g, 1 + row * g->columns + column);
 }
 
@@ -516,9 +524,41 @@ TEST(windows_have_the_guides_of_the_whole) {
                 wrong += number != serves[y][x];
             }
         memcpy(view.mean_radiance, sbl_query_stats(context).picture.mean_radiance, sizeof view.mean_radiance);
+        view.price = sbl_query_stats(context).picture.price;
     }
     CHECK(same > 100 && other == 0, "%d guides are the same, %d are not", same, other);
     CHECK(served > 1000 && wrong == 0, "%d pixels have a guide, %d have another than in the whole", served, wrong);
+    sbl_destroy(context);
+}
+
+/* A window with a price, which has wide margins, sends no scouts that serve no sensor whose error counts. A guide that
+   is too far away for all scouts is that of light from everywhere, as guide 0 is. */
+TEST(windows_send_only_scouts_that_serve) {
+    static const int window[4] = { 70, 40, 57, 63 };
+    sbl_context *context = watch_context(&seen, NULL, &dark_room);
+    const sbl__refine *r;
+    sbl_picture_desc view = view_of();
+    int i, k, even[2] = { 0, 0 }, all[2] = { 0, 0 };
+    REQUIRE(context, "no context");
+    view.width = 192;
+    view.height = 144;
+    view.look_rays = -16;
+    view.price = 1;
+    for (k = 0; k < 3; k++) view.mean_radiance[k] = 0.1f;
+    memcpy(view.window, window, sizeof window);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    r = &context->picture.map.refine;
+    for (i = 0; i < r->guides.columns * r->guides.rows; i++) {
+        const int step = r->guides.step, column = r->guides.first[0] + i % r->guides.columns;
+        const int off = distance_to_window(r, column * step, (r->guides.first[1] + i / r->guides.columns) * step);
+        const int reach = r->window.margin + 5 * step, beyond = off >= reach;
+        if (off && off < reach) continue;
+        all[beyond]++;
+        even[beyond] += !memcmp(sbl__guide_words(&r->guides, 1 + i), sbl__guide_words(&r->guides, 0),
+                                SBL__GUIDE_WORDS * sizeof(uint32_t));
+    }
+    CHECK(all[1] > 20 && even[1] == all[1], "%d of %d guides far from the window know light", all[1] - even[1], all[1]);
+    CHECK(2 * even[0] < all[0], "%d of %d guides in the window know no light", even[0], all[0]);
     sbl_destroy(context);
 }
 
@@ -614,6 +654,7 @@ int main(void) {
     RUN(scouts_keep_their_directions);
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);
+    RUN(windows_send_only_scouts_that_serve);
     RUN(pictures_take_the_rays_they_are_given);
     RUN(memory_runs_out);
     scene_free(&dark_room);

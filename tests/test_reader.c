@@ -1485,6 +1485,44 @@ TEST(what_gltf_lacks_is_named) {
 #endif
 }
 
+/* Triangles with corners that do not exist, or that are missing at the end, and normals that are too few, are counted.
+   Strips, fans and meshes without a node cause no warnings. */
+TEST(broken_meshes_are_counted) {
+#define QUAD "{\"attributes\":{\"POSITION\":0}"
+    scene_file *file;
+#ifndef SBL_RENDER_CJSON
+    SKIP("counting them needs cJSON");
+#endif
+    write_text("broken.gltf", "{\"asset\":{\"version\":\"2.0\"},\"meshes\":["
+        "{\"primitives\":[" QUAD ",\"indices\":1}," QUAD ",\"indices\":4,\"mode\":5}," QUAD ",\"mode\":6}," QUAD
+        ",\"mode\":1}]},{\"primitives\":[" QUAD ",\"indices\":2}," QUAD ",\"indices\":3}]},{\"primitives\":[{"
+        "\"attributes\":{\"POSITION\":0,\"NORMAL\":5},\"indices\":1}]},{\"primitives\":[" QUAD ",\"indices\":2}]}],"
+        "\"nodes\":[{\"mesh\":0},{\"mesh\":1},{\"mesh\":1},{\"mesh\":2}],\"scenes\":[{\"nodes\":[0,1,2,3]}],"
+        "\"scene\":0,\"accessors\":["
+        "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+        "{\"bufferView\":1,\"componentType\":5121,\"count\":6,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":1,\"byteOffset\":6,\"componentType\":5121,\"count\":6,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":1,\"componentType\":5121,\"count\":5,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":1,\"byteOffset\":12,\"componentType\":5121,\"count\":4,\"type\":\"SCALAR\"},"
+        "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,"
+        "\"byteLength\":16}],"
+        "\"buffers\":[{\"byteLength\":64,\"uri\":\"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAA"
+        "AAAAAAAAAACAPwAAgD8AAAAAAAAAAAAAgD8AAAAAAAECAAIDAAECAAIJAAEDAg==\"}]}");
+    file = read_back("broken.gltf", 0);
+    REQUIRE(file, "%s", error);
+    CHECK(file->simplified[SCENE_FILE_CORNERS] == 2 && file->simplified[SCENE_FILE_ATTRIBUTE] == 1 &&
+          file->scene.mesh_count == 8, "%d triangles, %d meshes with other normals, %d meshes",
+          file->simplified[SCENE_FILE_CORNERS], file->simplified[SCENE_FILE_ATTRIBUTE], file->scene.mesh_count);
+    CHECK(strcmp(file->names[0], "nodes[0]") == 0, "the name %s", file->names[0]);
+    scene_file_free(file);
+    write_text("broken.gltf", "{\"asset\":{\"version\":\"2.0\"},\"accessors\":[{\"normalized\":true}],\"meshes\":"
+               "[{\"primitives\":[{\"attributes\":[0]}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]}");
+    file = read_back("broken.gltf", 0);
+    CHECK(!file && strstr(error, "attributes"), "a list of attributes: %s", error);
+    if (file) scene_file_free(file);
+}
+
 /* Names of meshes keep all characters, and the name of the .bin is written as a URI. */
 TEST(written_names) {
     const char *const names[] = { "gr\xc3\xbc\"n \xff\n" };
@@ -1854,6 +1892,7 @@ int main(void) {
     RUN(collada_without_material);
     RUN(units_of_fbx);
     RUN(what_gltf_lacks_is_named);
+    RUN(broken_meshes_are_counted);
     RUN(written_names);
     RUN(normals_of_obj);
     RUN(written_normals_are_read_again);

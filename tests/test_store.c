@@ -336,7 +336,10 @@ static const char *change(test_scene *s, int number) {
         case 8: s->sky[0] = 0.1f; return "a scene with another sky";
         case 9: s->environment.rotation = 90; return "a scene with another sky";
         case 10: s->environment.scale = 0.5f; return "a scene with another sky";
-        case 11: s->sky[2] = 0.1f;
+        case 11: s->environment.picture.width = 2;  /* the same texels in another shape */
+                 s->environment.picture.height = 4;
+                 return "a scene with another sky";
+        case 12: s->sky[2] = 0.1f;
                  s->lights[0].position[0] = 1;
                  s->materials[LAMP].emission[0] = 2;
                  return "a scene with other materials or textures, other lights and another sky";
