@@ -315,17 +315,18 @@ TEST(even_light_needs_no_guide) {
 
 /* In a scene with reflections, each guide sees the light that a scout of another pixel has found in its own direction:
    in that of the scout's hit or, if a flat mirror is hit, of the lamp's image. Light from infinity keeps its
-   direction. */
+   direction, and so does light below the mean R. */
 TEST(guides_see_light_from_their_own_places) {
-    enum { SIDE = 64, AT = 32, FAR_AWAY = 2 };  /* kinds of light: at the scout's hit, in a mirror, FAR_AWAY, no hit */
+    /* kinds of light: at the scout's hit, in a mirror, FAR_AWAY, no hit, FAINT */
+    enum { SIDE = 64, AT = 32, FAR_AWAY = 2, FAINT = 4 };
     static const float spacing = 0.02f, hit = 0.3f;
     static sbl__pixel pixels[SIDE * SIDE];
     static sbl__core core;
     static sbl__spec spec;
     const double u[2] = { 0.3, 0.1 };
     int kind, i, n;
-    for (kind = 0; kind < 4; kind++) {
-        sbl__mirrored *m = &core.scene.lights.mirrored[0];
+    for (kind = 0; kind < 5; kind++) {
+        sbl__mirrored *m = &core.scene.lamps.mirrored[0];
         const double distance = kind == 1 ? 3 : (double)hit;
         const sbl__pixel *from = &pixels[AT * SIDE + AT];
         sbl__refine r;
@@ -338,6 +339,7 @@ TEST(guides_see_light_from_their_own_places) {
         r.core = &core;
         r.spec = &spec;
         r.pixels = pixels;
+        r.luminance = kind == FAINT ? 2.1f : 1.9f;
         r.width = r.height = r.window.whole[0] = r.window.whole[1] = SIDE;
         core.scene.features = SBL__SPECULAR;
         core.base.allocator.alloc = watch_alloc;
@@ -360,7 +362,7 @@ TEST(guides_see_light_from_their_own_places) {
             m->low[i] = from->position[i] + hit * way[i] - 0.1f;
             m->high[i] = m->low[i] + 0.2f;
         }
-        core.scene.lights.mirrored_count = kind == 1 || kind == FAR_AWAY;
+        core.scene.lamps.mirrored_count = kind == 1 || kind == FAR_AWAY;
         found.valid = 1;
         found.radiance[0] = found.radiance[1] = found.radiance[2] = 2;
         found.hit_min = kind == 3 ? 0 : hit;
