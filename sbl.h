@@ -11293,6 +11293,7 @@ typedef struct sbl__spec {
     /* Jobs whose specs differ only in the following fields use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_options */
     int guided;                 /* 1: guides direct rays, see >>guide */
+    int scouts;                 /* 1: looks are scouts, see >>guide: no ray is sent to a mirrored lamp */
     float distance_limit;       /* traced: upper limit of the distances in a reading's mean distance; 0: no limit */
     float ray_length;           /* traced: length of rays over the hemisphere; 0: unlimited */
     int counts_steps;           /* traced: 1: hit_mean of a reading is the number of steps that all rays of the site's
@@ -11558,6 +11559,11 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
+   In scenes with reflections, much of the noise is light of lamps that surfaces reflect from close by, and that pixels
+   beside each other see in different directions. Scouts then count for other guides in the directions in which these
+   see the scouts' hits, or in flat mirrors the images of lamps, and guides stand closer together (Ruppert, Herholz and
+   Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
+
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
 
@@ -11576,8 +11582,17 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
-#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid */
+#define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
+#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
+
+/* A guide for which the scouts of some pixel count */
+typedef struct sbl__receiver {
+    const struct sbl__pixel *pixel;  /* the guide's pixel */
+    double right[3], up[3];     /* sbl__frame of the pixel's normal */
+    float *found;               /* the guide's part of sbl__guides.found */
+    float weight;               /* the squared light of scouts is multiplied by it */
+} sbl__receiver;
 
 /* The guides of a picture, for the pixels of a grid. Guide 0 belongs to no pixel and keeps the cosine distribution. The
    guide of the grid pixel with index `place`, row by row, has the index 1 + place. */
@@ -11585,6 +11600,12 @@ typedef struct sbl__guides {
     int first[2];               /* column and row of the first guide in the grid of the whole picture */
     int columns, rows;          /* size of the part of the guides' grid that lies in the working grid */
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
+    int scouts;                 /* number of scouts per pixel of the grid */
+    int reach;                  /* scouts count for guides up to this number of columns and rows away */
+    int spread;                 /* 1: scouts count in directions of their own, see sbl__scout_spread */
+    sbl__receiver *receivers;   /* the guides for which scouts of the pixel `scout` count */
+    int receiver_count;
+    int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
                                    NULL once the guides are made */
     uint32_t *words;            /* the guides, as guide.glsl reads them; SBL__GUIDE_WORDS per guide */
@@ -11593,6 +11614,7 @@ typedef struct sbl__guides {
 
 static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
     sbl__free(d->base, g->found);
+    sbl__free(d->base, g->receivers);
     sbl__free(d->base, g->words);
     sbl__texture_delete(d, &g->texture);
     memset(g, 0, sizeof *g);
@@ -14007,8 +14029,9 @@ static const char *const sbl__glsl_trace[] = {
 "        ray_density = 0.0;\n",
 "#endif\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"        bool to_mirrored = u.x < mirrored_rays;\n",
-"        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - mirrored_rays) / (1.0 - mirrored_rays);\n",
+"        bool to_mirrored = !scouts && u.x < mirrored_rays;\n",
+"        float others = scouts ? 0.0 : mirrored_rays;\n",
+"        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - others) / (1.0 - others);\n",
 "        vec2 u_mirrored = u;\n",
 "#endif\n",
 "#ifdef SBL_GUIDED\n",
@@ -14138,6 +14161,10 @@ static const char *const sbl__glsl_mirrored[] = {
 "#if defined(SBL_BOUNCED) && defined(SBL_SPECULAR) && !defined(SBL_LOBE)\n",
 "#define SBL_SEES_MIRRORED\n",
 "uniform int mirrored_count;               // number of records in the scene\n",
+"// scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the\n",
+"// directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so\n",
+"// that guides send few further rays to these places\n",
+"uniform bool scouts;\n",
 "\n",
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
@@ -14268,6 +14295,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
+    sbl__set_int(d, "scouts", b->spec->scouts);
     sbl__set_int(d, "lamps_apart", !b->spec->paper);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_int(d, "sky_layer", b->scene->environment.layer);
@@ -14480,7 +14508,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Compilation fails here if sbl__spec has padding, which memcmp would compare. Add the size of each new field. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 20 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 21 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -19121,15 +19149,34 @@ static int sbl__places_mean(sbl__refine *r, int at) {
 /* Returns a seed other than the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
+/* Returns 1 if the grid of guides with this step has fewer than `most` guides in the whole picture. */
+static int sbl__guides_are_few(const sbl__refine *r, int step, int most) {
+    const double columns = (r->window.whole[0] - 1) / step + 1;
+    return columns * ((r->window.whole[1] - 1) / step + 1) < most;
+}
+
+/* Chooses the distance between guides and the number of scouts at each. Where surfaces reflect, bright places are often
+   close and narrow: there, guides are half as far apart if this gives few enough, and a quarter of the scouts is sent
+   from each, so that all together are as many. */
+static void sbl__guides_choose(sbl__refine *r) {
+    sbl__guides *g = &r->guides;
+    g->spread = (r->core->scene.features & SBL__SPECULAR) != 0;
+    g->scouts = SBL__SCOUTS;
+    g->reach = 2;
+    for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2)
+        if (sbl__guides_are_few(r, g->step, g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
+    if (g->spread && sbl__guides_are_few(r, g->step / 2, SBL__GUIDES_MOST)) {
+        g->step /= 2;
+        g->scouts /= 4;
+        g->reach = SBL__GUIDE_REACH;
+    }
+}
+
 /* Chooses the positions of guides, and allocates memory for the light that scouts find. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     int k;
-    for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
-        const double columns = (r->window.whole[0] - 1) / g->step + 1;
-        const double guides = columns * ((r->window.whole[1] - 1) / g->step + 1);
-        if (guides < (g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
-    }
+    sbl__guides_choose(r);
     for (k = 0; k < 2; k++) {
         const int first = r->window.first[k], last = first + (k ? r->height : r->width) - 1;
         g->first[k] = (first + g->step - 1) / g->step;
@@ -19137,13 +19184,15 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     }
     g->found = (float *)sbl__alloc(&r->core->base, SBL__MAX((size_t)g->columns * (size_t)g->rows, 1) * SBL__GUIDE_BINS,
                                    sizeof *g->found);
-    return g->found ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    g->receivers = (sbl__receiver *)sbl__alloc(&r->core->base, (2 * SBL__GUIDE_REACH + 1) * (2 * SBL__GUIDE_REACH + 1),
+                                               sizeof *g->receivers);
+    return g->found && g->receivers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Returns 1 if the guide of a sensor whose error counts may be made from scouts at this pixel: a sensor takes a guide
-   less than one step away, which takes scouts up to two steps away. */
+   less than one step away, which takes scouts up to sbl__guides.reach steps away. */
 static int sbl__scouts_serve(const sbl__refine *r, int index) {
-    const int reach = r->window.margin + 3 * r->guides.step - 1;
+    const int reach = r->window.margin + (r->guides.reach + 1) * r->guides.step - 1;
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
@@ -19154,25 +19203,119 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     const sbl__pixel *p;
     int i;
     if (!g->found && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    if (!sbl__refine_room(r, SBL__MIN(g->columns * g->rows * SBL__SCOUTS, SBL__SCOUTS_AT_ONCE) - r->site_count))
+    if (!sbl__refine_room(r, SBL__MIN(g->columns * g->rows * g->scouts, SBL__SCOUTS_AT_ONCE) - r->site_count))
         return SBL_ERROR_OUT_OF_MEMORY;
     for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         p = sbl__guide_pixel(r, column, row);
         if (!p || !sbl__scouts_serve(r, (int)(p - r->pixels))) continue;
-        if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
-        for (i = 0; i < SBL__SCOUTS; i++)
+        if (!sbl__refine_room(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
+        for (i = 0; i < g->scouts; i++)
             sbl__refine_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
     }
     return SBL_SUCCESS;
 }
 
-/* Adds the squared luminance that each scout found to the bins of its guide. */
+/* Returns the weight with which the scouts of pixel p count for the guide of pixel `own`, which is `right` columns and
+   `below` rows beside it in the guides' grid. */
+static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, const sbl__pixel *p, int right,
+                                int below) {
+    static const float weights[2][SBL__GUIDE_REACH + 1] = { { 1, 0.7f, 0.3f, 0, 0 }, { 1, 0.85f, 0.7f, 0.5f, 0.3f } };
+    const float *row = weights[r->guides.reach == SBL__GUIDE_REACH];
+    return row[abs(right)] * row[abs(below)] * sbl__guide_fits(own, p);
+}
+
+/* Lists the guides around the grid pixel at `column` and `row` for which its scouts count. */
+static void sbl__receivers_list(sbl__refine *r, int column, int row) {
+    sbl__guides *g = &r->guides;
+    const sbl__pixel *p = sbl__guide_pixel(r, column, row);
+    const int number = row * g->columns + column;
+    int i, k;
+    if (g->scout == 1 + number) return;
+    g->scout = 1 + number;
+    g->receiver_count = 0;
+    for (i = -g->reach; i <= g->reach; i++)
+        for (k = -g->reach; k <= g->reach; k++) {
+            const sbl__pixel *own = sbl__guide_pixel(r, column + k, row + i);
+            const float weight = own ? sbl__scouts_weight(r, own, p, k, i) : 0;
+            sbl__receiver *to = &g->receivers[g->receiver_count];
+            if (!(weight > 0)) continue;
+            to->found = sbl__guide_found(g, number + i * g->columns + k);
+            to->weight = weight;
+            to->pixel = own;
+            sbl__frame(own->normal, 0, to->right, to->up);
+            g->receiver_count++;
+        }
+}
+
+/* Returns the index of the bin in which a guide sees a place, or -1 if it is below the horizon. */
+static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
+    double x = 0, y = 0, z = 0, length2 = 0, angle;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double way = place[k] - to->pixel->position[k];
+        length2 += way * way;
+        x += way * to->right[k];
+        y -= way * to->up[k];  /* see sbl__cosine_direction */
+        z += way * to->pixel->normal[k];
+    }
+    if (!(z > 0)) return -1;
+    angle = atan2(y, x) / (2 * SBL__PI);
+    return sbl__guide_bin(SBL__MAX(1 - z * z / length2, 0.0), angle < 0 ? angle + 1 : angle);
+}
+
+/* Returns how far away the light that a scout has found seems to be: as far as the scout's hit, or as the image of a
+   lamp that a flat mirror shows there. 0: infinitely far */
+static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], const float direction[3], float hit) {
+    const float margin = 1e-3f * hit;
+    int i, k;
+    for (i = 0; i < lamps->mirrored_count && hit > 0; i++) {
+        const sbl__mirrored *m = &lamps->mirrored[i];
+        float height = -m->offset;
+        double away2 = 0;
+        int inside = 1;
+        for (k = 0; k < 3; k++) {
+            const float at = from[k] + hit * direction[k], way = m->middle[k] - from[k];
+            height += m->normal[k] * at;
+            inside = inside && at >= m->low[k] - margin && at <= m->high[k] + margin;
+            away2 += (double)way * way;
+        }
+        if (inside && height <= margin && height >= -margin) return m->distant ? 0 : SBL__MAX(sqrt(away2), (double)hit);
+    }
+    return hit;
+}
+
+/* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
+   around it, each of which sees the place where the light seems to be in a direction of its own. Light below the mean R
+   adds little to the noise; it is taken to be in the scout's direction, which takes less time. */
+static void sbl__scout_spread(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
+    const sbl__guides *g = &r->guides;
+    const sbl__pixel *p = sbl__guide_pixel(r, column, row);
+    const float light = found->valid ? sbl__luminance(found->radiance) : 0;
+    const int bin = sbl__guide_bin(u[0], u[1]);
+    double away, place[3];
+    float direction[3];
+    int bright, i, k;
+    if (!(light > 0)) return;
+    sbl__receivers_list(r, column, row);
+    sbl__cosine_direction(p->normal, u, direction);
+    away = sbl__scout_away(&r->core->scene.lamps, p->position, direction, found->hit_min);
+    bright = away > 0 && light > r->luminance;
+    for (k = 0; k < 3; k++) place[k] = p->position[k] + away * direction[k];
+    for (i = 0; i < g->receiver_count; i++) {
+        const sbl__receiver *to = &g->receivers[i];
+        const int seen = bright && to->pixel != p ? sbl__receiver_bin(to, place) : bin;
+        if (seen >= 0) to->found[seen] += to->weight * light * light;
+    }
+}
+
+/* Adds the squared luminance that each scout found to the bins of its guide, or with reflections of all guides around
+   it. */
 static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
-    uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
+    uint32_t *sequence = sbl__sequence_make(&r->core->base, g->scouts, 1, 1);
     int *at = &r->stages.at;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < r->site_count && !sbl__late(slice); ++*at) {
@@ -19182,7 +19325,8 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
-        sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
+        if (g->spread) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
+        else sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
     return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
@@ -19190,17 +19334,17 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
 
 /* Makes a guide from the light that the scouts around it found. Guide 0 distributes rays evenly. */
 static void sbl__guides_make(const sbl__refine *r, int guide) {
-    static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
     const sbl__guides *g = &r->guides;
     const int number = SBL__MAX(guide - 1, 0), column = number % g->columns, row = number / g->columns;
+    const int reach = g->spread ? 0 : g->reach;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
     float found[SBL__GUIDE_BINS];
     int i, k, n;
     memset(found, 0, sizeof found);
-    for (i = -2; i <= 2 && own; i++)
-        for (k = -2; k <= 2; k++) {
+    for (i = -reach; i <= reach && own; i++)
+        for (k = -reach; k <= reach; k++) {
             const sbl__pixel *p = sbl__guide_pixel(r, column + k, row + i);
-            const float fits = p ? weights[i + 2] * weights[k + 2] * sbl__guide_fits(own, p) : 0;
+            const float fits = p ? sbl__scouts_weight(r, own, p, k, i) : 0;
             const float *from = p ? sbl__guide_found(g, number + i * g->columns + k) : NULL;
             for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
         }
@@ -19228,7 +19372,9 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     result = sbl__guides_upload(d, g);
     if (result != SBL_SUCCESS) return result;
     sbl__free(&r->core->base, g->found);
+    sbl__free(&r->core->base, g->receivers);
     g->found = NULL;
+    g->receivers = NULL;
     return SBL_SUCCESS;
 }
 
@@ -19625,10 +19771,11 @@ static int sbl__refine_after_list(void *work) {
     task.spec.counts_steps = r->counts_steps && task.spec.traced;
     if (scouts || searches) {
         task.spec.rays = 1;
-        task.spec.looks = scouts ? SBL__SCOUTS : SBL__PLACE_RAYS;
+        task.spec.looks = scouts ? r->guides.scouts : SBL__PLACE_RAYS;
         task.spec.lamp_rays = task.spec.directional = task.spec.groups = 0;
         task.spec.ray_length = 0;
         task.spec.seed = sbl__scouts_seed(r);
+        task.spec.scouts = scouts;
     }
     if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* the search needs only hits */
     task.sites = r->sites;

@@ -5,6 +5,10 @@
 #if defined(SBL_BOUNCED) && defined(SBL_SPECULAR) && !defined(SBL_LOBE)
 #define SBL_SEES_MIRRORED
 uniform int mirrored_count;               // number of records in the scene
+// scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the
+// directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so
+// that guides send few further rays to these places
+uniform bool scouts;
 
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller

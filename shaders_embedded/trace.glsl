@@ -159,8 +159,9 @@ void main() {
         ray_density = 0.0;
 #endif
 #ifdef SBL_SEES_MIRRORED
-        bool to_mirrored = u.x < mirrored_rays;
-        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - mirrored_rays) / (1.0 - mirrored_rays);
+        bool to_mirrored = !scouts && u.x < mirrored_rays;
+        float others = scouts ? 0.0 : mirrored_rays;
+        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - others) / (1.0 - others);
         vec2 u_mirrored = u;
 #endif
 #ifdef SBL_GUIDED

@@ -313,6 +313,144 @@ TEST(even_light_needs_no_guide) {
     }
 }
 
+/* In a scene with reflections, each guide sees the light that a scout of another pixel has found in its own direction:
+   in that of the scout's hit or, if a flat mirror is hit, of the lamp's image. Light from infinity keeps its
+   direction, and so does light below the mean R. */
+TEST(guides_see_light_from_their_own_places) {
+    /* kinds of light: at the scout's hit, in a mirror, FAR_AWAY, no hit, FAINT */
+    enum { SIDE = 64, AT = 32, FAR_AWAY = 2, FAINT = 4 };
+    static const float spacing = 0.02f, hit = 0.3f;
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__core core;
+    static sbl__spec spec;
+    const double u[2] = { 0.3, 0.1 };
+    int kind, i, n;
+    for (kind = 0; kind < 5; kind++) {
+        sbl__mirrored *m = &core.scene.lamps.mirrored[0];
+        const double distance = kind == 1 ? 3 : (double)hit;
+        const sbl__pixel *from = &pixels[AT * SIDE + AT];
+        sbl__refine r;
+        sbl_reading found;
+        float way[3];
+        int others = 0, moved = 0, wrong = 0;
+        memset(&core, 0, sizeof core);
+        memset(&r, 0, sizeof r);
+        memset(&found, 0, sizeof found);
+        r.core = &core;
+        r.spec = &spec;
+        r.pixels = pixels;
+        r.luminance = kind == FAINT ? 2.1f : 1.9f;
+        r.width = r.height = r.window.whole[0] = r.window.whole[1] = SIDE;
+        core.scene.features = SBL__SPECULAR;
+        core.base.allocator.alloc = watch_alloc;
+        core.base.allocator.free = watch_free;
+        core.base.allocator.user = &seen;
+        core.device.base = &core.base;
+        for (i = 0; i < SIDE * SIDE; i++) {
+            memset(&pixels[i], 0, sizeof pixels[i]);
+            pixels[i].position[0] = spacing * (float)(i % SIDE);
+            pixels[i].position[2] = spacing * (float)(i / SIDE);
+            pixels[i].normal[1] = pixels[i].geometric_normal[1] = 1;
+            pixels[i].id = 1;
+        }
+        sbl__cosine_direction(from->normal, u, way);
+        m->normal[1] = -1;
+        m->offset = -hit * way[1];
+        m->distant = kind == FAR_AWAY;
+        for (i = 0; i < 3; i++) {
+            m->middle[i] = from->position[i] + 3 * way[i];
+            m->low[i] = from->position[i] + hit * way[i] - 0.1f;
+            m->high[i] = m->low[i] + 0.2f;
+        }
+        core.scene.lamps.mirrored_count = kind == 1 || kind == FAR_AWAY;
+        found.valid = 1;
+        found.radiance[0] = found.radiance[1] = found.radiance[2] = 2;
+        found.hit_min = kind == 3 ? 0 : hit;
+        REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS && r.guides.step == 1, "guides are %d pixels apart",
+                r.guides.step);
+        sbl__scout_spread(&r, AT, AT, u, &found);
+        for (i = 0; i < SIDE * SIDE; i++) {
+            const float *bins = sbl__guide_found(&r.guides, i);
+            const sbl__pixel *p = &pixels[i];
+            double right[3], up[3], to[3], x = 0, y = 0, size = 0, at[2] = { u[0], u[1] };
+            int bin, own = sbl__guide_bin(u[0], u[1]), lit = 0;
+            if (abs(i % SIDE - AT) > 4 || abs(i / SIDE - AT) > 4) {
+                for (n = 0; n < SBL__GUIDE_BINS; n++) wrong += bins[n] > 0;
+                continue;
+            }
+            sbl__frame(p->normal, 0, right, up);
+            for (n = 0; n < 3; n++) {
+                to[n] = (double)from->position[n] + distance * (double)way[n] - (double)p->position[n];
+                size += to[n] * to[n];
+                x += to[n] * right[n];
+                y -= to[n] * up[n];
+            }
+            if (kind < FAR_AWAY) {
+                at[0] = (x * x + y * y) / size;
+                at[1] = atan2(y, x) / (2 * SBL__PI);
+                at[1] -= floor(at[1]);
+            }
+            bin = i == AT * SIDE + AT ? own : sbl__guide_bin(at[0], at[1]);
+            for (n = 0; n < SBL__GUIDE_BINS; n++) lit += bins[n] > 0;
+            others++;
+            moved += bin != own;
+            wrong += lit != 1 || !(bins[bin] > 0);
+        }
+        CHECK(others == 81 && wrong == 0, "kind %d: %d of %d guides see the light elsewhere", kind, wrong, others);
+        CHECK(kind == 0 ? moved > 50 : kind == 1 ? moved < 40 : moved == 0, "kind %d: %d guides see it in another bin",
+              kind, moved);
+        sbl__guides_free(&core.device, &r.guides);
+    }
+}
+
+/* Scouts take the directions of their sequence, also at places where sensors send rays to mirrored lamps: each scout
+   hits the wall exactly if its direction meets it. */
+TEST(scouts_keep_their_directions) {
+    enum { SIDE = 16 };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 60, 0.5f, 2.5f, 1.5f, 0.2f, 0, 0);
+    test_scene s = { 0 };
+    const int wall = scene_material(&s, 0.5f, 0.5f, 0.5f), floor = scene_material(&s, 0.6f, 0.6f, 0.6f);
+    sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3);
+    const sbl__refine *r;
+    sbl_context *context;
+    uint32_t *sequence;
+    int i, hits = 0, wrong = 0;
+    s.materials[wall].ior = 1.5f;
+    s.materials[wall].roughness = 0.1f;
+    l->position[0] = 1; l->position[1] = 1.5f;
+    scene_quad(&s, wall, -1, 0, -2, -1, 0, 2, -1, 2, 2, -1, 2, -2);
+    scene_floor(&s, floor, 0, 2);
+    view.options.mode = SBL_MODE_GI;
+    view.look_rays = -64;
+    context = watch_context(&seen, &desc, &s);
+    REQUIRE(context && sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
+    r = &context->picture.map.refine;
+    while (r->stages.stage != SBL__REFINE_TAKE_SCOUTS && sbl_step(context, 1e-9) == SBL_UNFINISHED) continue;
+    REQUIRE(r->stages.stage == SBL__REFINE_TAKE_SCOUTS && r->site_count > 1000, "%d scouts", r->site_count);
+    sequence = sbl__sequence_make(&context->core.base, r->guides.scouts, 1, 1);
+    for (i = 0; sequence && i < r->site_count; i++) {
+        const sbl__site *site = &r->sites[i];
+        const sbl__pixel *p = &r->pixels[site->pixel];
+        double u[2], t;
+        float way[3], away;
+        if (p->position[1] > 0.01f || p->position[0] < -0.9f) continue;
+        sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
+        sbl__cosine_direction(p->normal, u, way);
+        t = (-1 - (double)p->position[0]) / (double)way[0];
+        if (!(t > 0) || t * (double)way[1] > 1.99 || fabs((double)p->position[2] + t * (double)way[2]) > 1.99) t = 0;
+        away = r->readings[i].hit_min;
+        hits += away > 0;
+        wrong += fabs((double)away - t) > 0.02 * t + 1e-3;
+    }
+    printf("  %d of %d scouts hit the wall, %d where they should not or not where they should\n", hits, r->site_count,
+           wrong);
+    CHECK(hits > 100 && wrong < hits / 50, "%d scouts hit the wall, %d are wrong", hits, wrong);
+    sbl__free(&context->core.base, sequence);
+    sbl_destroy(context);
+    scene_free(&s);
+}
+
 /* A larger picture does not have more guides; they are further apart. */
 TEST(guides_are_bounded) {
     sbl__core core;
@@ -329,8 +467,7 @@ TEST(guides_are_bounded) {
     REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS, "no guides");
     CHECK(r.guides.columns * r.guides.rows < SBL__GUIDES_MOST && r.guides.step == 32, "%d x %d guides, %d pixels apart",
           r.guides.columns, r.guides.rows, r.guides.step);
-    sbl__free(&core.base, r.guides.found);
-    sbl__free(&core.base, r.guides.words);
+    sbl__guides_free(&core.device, &r.guides);
 }
 
 /* Returns the distance of a pixel of the full picture from the window, in pixels; 0: the window shows it. */
@@ -515,6 +652,8 @@ int main(void) {
     RUN(noisy_looks_need_guides);
     RUN(guides_are_shared_by_like_frames);
     RUN(even_light_needs_no_guide);
+    RUN(guides_see_light_from_their_own_places);
+    RUN(scouts_keep_their_directions);
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);
     RUN(windows_send_only_scouts_that_serve);
