@@ -15383,8 +15383,9 @@ typedef struct sbl__bounce {
 #define SBL__CAST_ROWS 64
 #define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
 
-/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
-   is a surface normal, and the two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
+/* A ray in the form that cast.glsl reads. If `limit` is positive, it is the maximum length of the ray, which has the
+   direction `direction`. If `limit` is negative, -limit is the maximum length, `direction` is a surface normal, and the
+   two 16-bit numbers in `fractions` select a cosine-distributed direction about it. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
@@ -16081,7 +16082,8 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Makes ray `number` of all rays of points. The points of a leaf, and rounds of division, have different directions. */
+/* Makes one ray of a point. Each point has SBL__BOUNCE_RAYS rays, and `number` is the ray's index among the rays of all
+   points. The points of a leaf have different directions from each other and in each round of division. */
 static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
@@ -16905,9 +16907,9 @@ static int sbl__bounce_grouped_leaves(void *work) {
 #define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
 #define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
                                       a larger relative standard error */
-#define SBL__DIVIDE_POINTS 0.19    /* target number of points of a leaf: this * number of rays that hit the leaf *
-                                      albedo * (standard deviation of the light in its region) / (root mean square of
-                                      all light) */
+#define SBL__DIVIDE_POINTS 0.19    /* a leaf should have this factor * (number of rays that hit it) * albedo *
+                                      (standard deviation of the light in its region) / (root mean square of all light)
+                                      points */
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level */
 #define SBL__SCORES 512            /* number of classes into which sbl__score_class sorts the scores of leaves */
 #define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
@@ -17248,8 +17250,8 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__cell_of_leaf(b, leaf, &s->bright[s->bright_count++]);
 }
 
-/* Chooses the bright leaves, and lists their cells, in order and each once, in the store. Candidates are leaves that
-   far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
+/* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
+   Candidates are leaves that far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -19217,8 +19219,8 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns the weight with which the scouts of pixel p count for the guide of pixel `own`, which is `right` columns and
-   `below` rows beside it in the guides' grid. */
+/* Returns the weight with which the scouts of pixel p count for the guide of pixel `own`. In the guides' grid, the two
+   pixels are `right` columns and `below` rows apart. */
 static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, const sbl__pixel *p, int right,
                                 int below) {
     static const float weights[2][SBL__GUIDE_REACH + 1] = { { 1, 0.7f, 0.3f, 0, 0 }, { 1, 0.85f, 0.7f, 0.5f, 0.3f } };
@@ -19310,8 +19312,8 @@ static void sbl__scout_spread(sbl__refine *r, int column, int row, const double 
     }
 }
 
-/* Adds the squared luminance that each scout found to the bins of its guide, or with reflections of all guides around
-   it. */
+/* Adds the squared luminance that each scout has found to the bins of its guide. In scenes with reflections, adds it to
+   the bins of all guides around the scout's pixel. */
 static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;

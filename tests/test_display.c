@@ -202,7 +202,9 @@ TEST(edges_show_the_light_at_samples) {
         scene_free(&s);
     }
     for (e = 0; e < 4; e++) {
-        const int axis = e / 2, at = (int)floor(edges[e] / pixel);  /* counted from the centre of the picture */
+        /* at: the column or row of pixels that the edge cuts. Column 0 begins at the picture's centre and lies to its
+           right; row 0 begins there and lies above it. */
+        const int axis = e / 2, at = (int)floor(edges[e] / pixel);
         const int cut = axis ? (HEIGHT / 2 - 1 - at) * WIDTH + WIDTH / 2 : HEIGHT / 2 * WIDTH + WIDTH / 2 + at;
         const double other = edges[e] < 0 ? at + 1 : at, length = fabs(other * pixel - edges[e]);
         double expected = 0, seen;

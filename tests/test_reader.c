@@ -1485,8 +1485,8 @@ TEST(what_gltf_lacks_is_named) {
 #endif
 }
 
-/* Triangles with corners that do not exist, or that are missing at the end, and normals that are too few, are counted.
-   Strips, fans and meshes without a node cause no warnings. */
+/* The reader counts triangles that refer to vertices that do not exist, triangles whose last indices are missing, and
+   meshes that have fewer normals than positions. Strips, fans and meshes without a node are not counted. */
 TEST(broken_meshes_are_counted) {
 #define QUAD "{\"attributes\":{\"POSITION\":0}"
     scene_file *file;
