@@ -56,12 +56,22 @@ is_wide() {
     unwrap "$folder/strip.gltf" "$folder/strip.glb" 64 && holds wide "$folder/strip.glb" 64 2 &&
     holds apart "$folder/strip.glb" 64 2 80
 }
+strips_are_wide() {
+    unwrap "$folder/moulding.gltf" "$folder/strips.glb" 64 && says ' 2 charts' &&
+    holds wide "$folder/strips.glb" 64 2 && holds apart "$folder/strips.glb" 64 2 70
+}
+is_not_stretched() {
+    unwrap "$folder/round.gltf" "$folder/round.glb" --texel-density 100 && says ' 2 charts' &&
+    holds dense "$folder/round.glb" "$(size_of)" 100
+}
 too_small() { ! unwrap "$rich" "$folder/no.glb" "$@" && says larger && [ ! -e "$folder/no.glb" ]; }
 check charts_are_apart fills
 check gap_is_kept wide_gap
 check density_is_right is_dense
 check several_maps makes_maps
 check long_charts_are_wide is_wide
+check strips_of_long_charts_are_wide strips_are_wide
+check round_charts_keep_their_density is_not_stretched
 check a_map_is_too_small too_small 4
 check a_mesh_is_too_large too_small --texel-density 100 --size 64
 

@@ -604,15 +604,21 @@ function square(folder, name, uv) {
     maker.write(path.join(folder, 'usable_twice.gltf'));
 }
 
-// A square, and a strip of the same length with a four-hundredth of its width.
-function strip(folder) {
-    const maker = new Maker(), { json } = maker, at = (z, w) => [0, 0, z, 1, 0, z, 1, 0, z - w, 0, 0, z - w];
-    const places = Float32Array.from([...at(0, 1), ...at(3, 0.0025)]);
-    const POSITION = maker.add(places, 'VEC3', { min: [0, 0, -1], max: [1, 0, 3] });
-    const indices = maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7), 'SCALAR');
+// A square beside a band of the same length. profile: z, y of points across the band; each pair of neighbours makes a
+// facet.
+function band(folder, name, profile) {
+    const maker = new Maker(), { json } = maker;
+    const places = [0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1], faces = [0, 1, 2, 0, 2, 3];
+    for (const [k, [z, y]] of profile.entries()) {
+        places.push(0, y, 3 - z, 1, y, 3 - z);
+        const v = 4 + 2 * k;
+        if (k + 1 < profile.length) faces.push(v, v + 1, v + 3, v, v + 3, v + 2);
+    }
+    const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, -1], max: [1, 1, 3] });
+    const indices = maker.add(Uint16Array.from(faces), 'SCALAR');
     json.meshes = [{ primitives: [{ attributes: { POSITION }, indices }] }];
     json.nodes = [{ mesh: 0 }];
-    maker.write(path.join(folder, 'strip.gltf'));
+    maker.write(path.join(folder, name));
 }
 
 // Two squares of one mesh, with and without a scale and offset, another one in a second map, and one in a second scene;
@@ -686,7 +692,11 @@ if (what === 'make') {
     rich(folder);
     odd(folder);
     mixed(folder);
-    strip(folder);
+    band(folder, 'strip.gltf', [[0, 0], [0.0025, 0]]);
+    band(folder, 'moulding.gltf', [[0, 0], [0.05, 0], [0.055, 0.005], [0.07, 0.005]]);
+    const turn = (k) => (k / 90) * Math.PI;
+    const round = Array.from({ length: 13 }, (_, k) => [0.4775 * Math.sin(turn(k)), 0.4775 * Math.cos(turn(k))]);
+    band(folder, 'round.gltf', round);
     square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
     square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
     square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
