@@ -9748,6 +9748,8 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, near an edge */
+#define SBL__ATLAS_TOUCH 0.01   /* in texels. Programs that unwrap scenes put charts on the borders of texels; without
+                                   this limit, rounding would decide if the texel beyond shows the chart */
 #define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this * its length */
 #define SBL__ATLAS_INSIDE 1e-3  /* a point lies well inside if all its barycentric weights are at least this */
 /* If a texel's centre is not well inside its triangle, the point that the texel shows is moved towards the centroid by
@@ -9890,11 +9892,12 @@ typedef struct sbl__atlas_triangle {
                               none: last < first */
 } sbl__atlas_triangle;
 
-/* Gets the first and the last texel that an interval touches along axis k, clipped to the working grid. The interval
-   and the result are positions in the whole map. If the interval touches no texel of the grid, or if low = DBL_MAX,
-   last < first. */
+/* Gets the first and the last texel that an interval touches along axis k, clipped to the working grid. A texel counts
+   only if the interval reaches SBL__ATLAS_TOUCH into it. The interval and the result are positions in the whole map. If
+   the interval touches no texel of the grid, or if low = DBL_MAX, last < first. */
 static void sbl__atlas_span(const sbl__atlas *a, int k, double low, double high, int out[2]) {
-    const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
+    const double inset = SBL__MAX(SBL__MIN(SBL__ATLAS_TOUCH, (high - low) / 2), 0), first = floor(low + inset);
+    const double last = SBL__MAX(first, ceil(high - inset) - 1);
     const int from = a->window.first[k], end = from + a->window.size[k];
     out[0] = first >= end ? end : first < from ? from : (int)first;
     out[1] = last >= end ? end - 1 : last < from ? from - 1 : (int)last;
@@ -18926,12 +18929,17 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
    SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. */
+   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. A sensor is behind a
+   surface, for example under the floor that a chair's foot pierces, if back faces are more than SBL__HIDDEN_BACK of the
+   surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the nearest is closer than
+   distance_limit. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
 #define SBL__HIDDEN_ALL 0.98f
+#define SBL__HIDDEN_BACK 0.8f
+#define SBL__HIDDEN_COVER 0.1f
 #define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
@@ -18951,10 +18959,17 @@ static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *readin
     return dark && (r->spec->bounced ? reading->back_share > 0.5f : enclosed) && r->lit_backs <= 0.5 * r->lit;
 }
 
+/* Returns 1 if a sensor is close behind a surface, unlike most lit sensors, see SBL__HIDDEN_BACK. Such a texel is often
+   far brighter than the visible texels beside it, because it sees the sky outside a room. */
+static int sbl__refine_is_behind(const sbl__refine *r, const sbl_reading *reading) {
+    return reading->back_share > SBL__HIDDEN_BACK && reading->hit_share > SBL__HIDDEN_COVER &&
+           reading->hit_min < r->distance_limit && r->lit_backs <= 0.5 * r->lit;
+}
+
 /* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice: it is dark and sees back faces,
-   unlike most lit sensors. A touched texel is close to the edge of a surface that hides texels, so that light changes
-   within the texel. */
+   its width, it is close behind a surface, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice:
+   it is dark and sees back faces, unlike most lit sensors. A touched texel is close to the edge of a surface that hides
+   texels, so that light changes within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -18963,7 +18978,7 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
         r->lit_light += light;
         r->lit_backs += (double)reading->back_share;
     }
-    if (sbl__refine_is_inside(r, reading)) return SBL__HIDDEN;
+    if (sbl__refine_is_inside(r, reading) || sbl__refine_is_behind(r, reading)) return SBL__HIDDEN;
     if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
@@ -18975,7 +18990,7 @@ static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
-/* Makes a texel hidden because its places are dark, which means that they are inside a solid, too. */
+/* Makes a texel hidden because its places are inside a solid or behind a surface, too. */
 static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     s->invalid = 1;
@@ -19107,13 +19122,14 @@ static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
 
 /* If reading `at` belongs to a texel's last look, replaces it by a trimmed mean: the mean over the looks in the middle
    quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very brightly, would
-   be surrounded by light. Returns the number of looks, or 0, without a change, if more looks follow. */
+   be surrounded by light. The mean is invalid if half of the looks are from behind a surface. Returns the number of
+   looks, or 0, without a change, if more looks follow. */
 static int sbl__places_mean(sbl__refine *r, int at) {
     const int pixel = r->sites[at].pixel;
     float *layers = r->reading_layers;
     sbl_reading mean;
     double squares = 0, noise2 = 0, light;
-    int first = at, count, aside, kept, i;
+    int first = at, count, aside, kept, i, behind = 0;
     size_t k;
     if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
     while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
@@ -19125,6 +19141,7 @@ static int sbl__places_mean(sbl__refine *r, int at) {
     for (i = first; i <= at; i++) {
         const sbl_reading *own = &r->readings[i];
         const int rank = sbl__places_rank(r, first, at, i);
+        behind += sbl__refine_is_behind(r, own);
         if (rank < aside || rank >= count - aside) continue;
         for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
         squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
@@ -19140,6 +19157,7 @@ static int sbl__places_mean(sbl__refine *r, int at) {
     }
     light = (double)sbl__luminance(mean.radiance);
     mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
+    mean.valid = 2 * behind < count;
     r->readings[at] = mean;
     return count;
 }
@@ -19715,7 +19733,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
     r->pixels_summed += no_mean && !s->places;
     if (s->sensed || s->places) {
-        if (!s->sensed && sbl__refine_is_inside(r, reading)) sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
+        if (!s->sensed && (!reading->valid || sbl__refine_is_inside(r, reading)))
+            sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
         s->sensed = 1;
         return SBL_SUCCESS;
     }

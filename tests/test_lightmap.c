@@ -14,14 +14,14 @@
 enum { SIDE = 48 };
 
 /* Returns the area of the unit square at (x, y) that a triangle covers, by clipping the triangle at the four sides of
-   the square (Sutherland and Hodgman 1974). */
-static double covered(double p[3][2], double x, double y) {
+   the square (Sutherland and Hodgman 1974). margin: the square becomes smaller by this much on each side */
+static double covered(double p[3][2], double x, double y, double margin) {
     double from[16][2], to[16][2], area = 0;
     int count = 3, cut, i;
     memcpy(from, p, 6 * sizeof(double));
     for (cut = 0; cut < 4; cut++) {
         const int axis = cut & 1;
-        const double side = (axis ? y : x) + (cut >= 2), way = cut >= 2 ? -1 : 1;
+        const double side = (axis ? y : x) + (cut >= 2 ? 1 - margin : margin), way = cut >= 2 ? -1 : 1;
         int kept = 0;
         for (i = 0; i < count; i++) {
             const double *a = from[i], *b = from[(i + 1) % count], ha = way * (a[axis] - side),
@@ -54,7 +54,8 @@ static double distance_to(double p[3][2], double x, double y) {
 }
 
 /* Each of twenty triangles is alone on a floor whose world coordinates equal its map coordinates. A texel shows the
-   triangle exactly if the triangle covers part of its square. It shows the point nearest to its centre, moved inward
+   triangle if the triangle covers part of its square, except for a rim of 0.01 texels, and does not show it if the
+   triangle covers no part of the whole square. It shows the point nearest to its centre, moved inward
    from an edge by at most 0.02 texels. */
 TEST(texels_show_what_touches_them) {
     uint64_t seed = 5;
@@ -88,10 +89,11 @@ TEST(texels_show_what_touches_them) {
             for (y = 0; y < SIDE; y++)
                 for (x = 0; x < SIDE; x++) {
                     const float *at = position + 3 * (y * SIDE + x);
-                    const double part = covered(p, x, y), dx = (double)at[0] - x - 0.5, dz = (double)at[2] - y - 0.5;
+                    const double part = covered(p, x, y, 0), core = covered(p, x, y, 0.0101);
+                    const double dx = (double)at[0] - x - 0.5, dz = (double)at[2] - y - 0.5;
                     const int is_shown = id[y * SIDE + x] > 0;
                     shown += is_shown;
-                    if (is_shown != (part > 0) && (part == 0 || part > 1e-9)) wrong++;
+                    if ((is_shown && part == 0) || (!is_shown && core > 1e-9)) wrong++;
                     if (is_shown) worst = fmax(worst, sqrt(dx * dx + dz * dz) - distance_to(p, x + 0.5, y + 0.5));
                     if (is_shown && !(fabs((double)light[3 * (y * SIDE + x)] - 1) < 1e-3)) wrong++;
                 }
@@ -104,6 +106,40 @@ TEST(texels_show_what_touches_them) {
         free(light);
         scene_free(&s);
     }
+}
+
+/* Two charts end at the borders of texels, up to rounding, and the gap between them is two texels wide. One is lit by
+   the sky, the other is in the dark. The gap shows no chart, and each half of it has the light of the chart beside it:
+   nothing of it leaks into the other chart where samples mix texels. */
+TEST(charts_share_a_narrow_gap) {
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
+    const float more = 1e-6f, roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
+    float *light, *id, *final;
+    int y, shown = 0, leaks = 0, k;
+    memset(&s, 0, sizeof s);
+    k = scene_material(&s, 0, 0, 0);
+    uv_rectangle(&s, scene_floor(&s, k, 0.31f, 1), 4 / 32.0f - more, 4 / 32.0f - more, 12 / 32.0f + more,
+                 28 / 32.0f + more);
+    uv_rectangle(&s, scene_floor(&s, k, 0.29f, 0.5f), 14 / 32.0f - more, 4 / 32.0f - more, 22 / 32.0f + more,
+                 28 / 32.0f + more);
+    scene_polygon(&s, k, roof, 4);
+    scene_box(&s, k, -9, -1, -9, 9, 0.299f, 9);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    id = channel_of(&desc, SBL_CHANNEL_ID);
+    final = channel_of(&desc, SBL_CHANNEL_FINAL);
+    REQUIRE(light && id && final, "no lightmap");
+    for (y = 4; y < 28; y++) {
+        const float *row = final + 3 * 32 * y;
+        for (k = 4; k < 22; k++) shown += id[32 * y + k] > 0;
+        leaks += !(row[3 * 12] > 0.99f) || !(row[3 * 13] < 1e-3f);
+    }
+    CHECK(shown == 24 * 16 && leaks == 0, "%d texels show charts; the gap is wrong in %d rows", shown, leaks);
+    free(light);
+    free(id);
+    free(final);
+    scene_free(&s);
 }
 
 /* Charts that are a point, a line, or a triangle inside one texel are shown by the texels that they touch. */
@@ -352,6 +388,49 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
           (int)sbl_query_stats(context).sensors.invalid);
     free(light);
     free(final);
+    scene_free(&s);
+}
+
+/* A panel stands in a dark room and pierces the floor, which faces up; a panel beside it does not. Below the floor, the
+   panel sees the sky and the floor's back: R is 0.5 there. The row of texels that the floor cuts, with centres below
+   it, shows the dark light of the room, because samples mix it with the row above. Far below the floor, R stays as it
+   is. */
+TEST(what_is_under_a_floor_does_not_shine_up) {
+    enum { ROWS = 32, COLUMNS = 8, ABOVE = 25, WIDTH = 32 };
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(WIDTH, ROWS, SBL_MODE_DIRECT);
+    const float texel = 0.02f, low = -(ROWS - ABOVE - 0.3f) * texel, high = (ABOVE + 0.3f) * texel;
+    float *light;
+    float room = 0, beside = 0, deep = 1;
+    int x, y, material;
+    memset(&s, 0, sizeof s);
+    material = scene_material(&s, 0, 0, 0);
+    uv_rectangle(&s, scene_quad(&s, material, -0.08f, low, 0, 0.08f, low, 0, 0.08f, high, 0, -0.08f, high, 0), 0, 1,
+                 (float)COLUMNS / WIDTH, 0);
+    uv_rectangle(&s, scene_quad(&s, material, 0.2f, 0.1f, 0, 0.64f, 0.1f, 0, 0.64f, 0.74f, 0, 0.2f, 0.74f, 0),
+                 (COLUMNS + 2.0f) / WIDTH, 1, 1, 0);
+    scene_floor(&s, material, 0, 2);
+    scene_box(&s, material, -2, 0, -2.2f, 2, 2, -2);
+    scene_box(&s, material, -2, 0, 2, 2, 2, 2.2f);
+    scene_box(&s, material, -2.2f, 0, -2.2f, -2, 2, 2.2f);
+    scene_box(&s, material, 2, 0, -2.2f, 2.2f, 2, 2.2f);
+    scene_box(&s, material, -2.2f, 2, -2.2f, 2.2f, 2.2f, 2.2f);
+    scene_quad(&s, scene_lamp(&s, 0.1f, 0.1f, 0.1f), -0.5f, 1.9f, 0.2f, 0.5f, 1.9f, 0.2f, 0.5f, 1.9f, 1.2f, -0.5f, 1.9f,
+               1.2f);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    REQUIRE(light, "no lightmap");
+    for (x = 0; x < COLUMNS; x++)
+        for (y = 0; y < ROWS; y++) {
+            const float R = light[3 * (y * WIDTH + x)];
+            if (y < ABOVE) room = R > room ? R : room;
+            else if (y == ABOVE) beside = R > beside ? R : beside;
+            else if (y >= ABOVE + 4) deep = R < deep ? R : deep;
+        }
+    CHECK(room > 0 && room < 0.05f, "in the room R is up to %g", room);
+    CHECK(beside <= room && deep > 0.45f, "just below the floor R is up to %g; far below it, at least %g", beside,
+          deep);
+    free(light);
     scene_free(&s);
 }
 
@@ -1376,12 +1455,14 @@ TEST(thin_walls_hold_light_back) {
 
 int main(void) {
     RUN(texels_show_what_touches_them);
+    RUN(charts_share_a_narrow_gap);
     RUN(charts_without_area_are_shown);
     RUN(a_floor_under_a_lamp);
     RUN(a_furnace);
     RUN(reading_early_changes_nothing);
     RUN(charts_keep_their_light);
     RUN(what_lies_on_a_floor_does_not_shine_out);
+    RUN(what_is_under_a_floor_does_not_shine_up);
     RUN(boxes_leave_no_dark_rims);
     RUN(gaps_show_their_openings);
     RUN(narrow_charts_are_measured_across);

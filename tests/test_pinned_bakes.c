@@ -411,9 +411,9 @@ static const hash llvmpipe_15[CASES] = {
     0x4870c7898dc98476u,  /* matte_picture */
     0x490ca53a3891606du,  /* plain_picture */
     0x065707dca533093du,  /* changed_picture */
-    0xcb2a2ce361856302u,  /* directional_lightmap */
-    0x4d684bdadf579303u,  /* grouped_lightmap */
-    0x61f9e5b95759ec28u,  /* joined_lightmap */
+    0xfd11f5b28c5d7a40u,  /* directional_lightmap */
+    0x2f0bdb647b216dd0u,  /* grouped_lightmap */
+    0xe2f40a569a1a355bu,  /* joined_lightmap */
     0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
     0x51c33c84e090fc41u,  /* averaged_vertices */
     0x3bf4e1c3d4b7ae2du,  /* traced_readings */
