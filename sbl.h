@@ -63,15 +63,15 @@
        ON GL STATE, ON WINDOWS AND MACOS               GL contexts of the host
        ON DETERMINISM, ON THE PAPER                    when results are equal to the bit; the published method
 
-   The declarations follow this manual. Two further chapters stand at the head of the implementation: SYMPTOMS (where to
-   look if something is wrong) and GLOSSARY.
+   The declarations follow this manual. Four further chapters stand at the head of the implementation: ROOMS, SYMPTOMS
+   (where to look if something is wrong), GLOSSARY, and FOR THOSE WHO CHANGE IT.
 
 
    WHAT IT DOES NOT DO
 
-   There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume, and
-   textures of heights are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are
-   smaller than a pixel shows aliasing. sbl.h opens no files and creates no windows.
+   There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume.
+   Height maps are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are smaller
+   than a pixel shows aliasing. sbl.h opens no files and creates no windows.
 
 
    QUICK START
@@ -242,11 +242,11 @@
        sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
-   auto_exposure depends on the light that arrives at surfaces, as with a light meter that is held into the scene, and
-   not on how bright the surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to
-   0.71. Black pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean
-   of the brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5
-   stops. The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
+   auto_exposure measures the light that arrives at surfaces, as an incident light meter does, and not how much of it
+   the surfaces reflect: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black
+   pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the
+   brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops.
+   The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
    sbl_picture_desc.backdrop puts a gradient behind objects that would otherwise be in front of a black sky.
 
 
@@ -260,8 +260,8 @@
    0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks
    are too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays
    the same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in
-   lightmaps. The limit bounds the time where light comes through windows, and there the picture may miss the target. If
-   you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
+   lightmaps. Without this limit, scenes that are lit through windows would take too long; with it, their pictures may
+   miss the target. If you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -275,13 +275,14 @@
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
-   both early, and stop. While the work goes on, the prediction can rise as well as fall, because the first sensors may
-   have missed places. Stop only when it has stayed below your limit for several steps. In pictures of scenes with
-   reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once reflections are
-   measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in all pictures.
+   both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
+   first sensors may have missed places. Stop only when they have stayed below your limit for several steps. In pictures
+   of scenes with reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once
+   reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in
+   all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
-   of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
+   of a cell, and from the size of the cells that are near, because a cell holds one R for its whole area. Sensors
    cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The square of the
    predicted error is the sum of the squares of its three parts. If the third part is large, further rays would hardly
    help. Noise and interpolation together are then reduced only to 0.84 of the target or to half of the third part,
@@ -311,10 +312,11 @@
    lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture and
    the holes of a lamp are sampled where the rays meet the lamp, which adds noise even without obstruction.
 
-   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
-   lights without size get only one ray each. If there are more than 256 lamps, those that are small for their distance
-   form clusters, and each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
-   mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
+   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. A light
+   without size gets exactly one ray, unless 32 others already do. If there are more than 256 lamps, those that are
+   small for their distance form clusters, and each ray picks one lamp of a cluster, with a probability proportional to
+   the light it gives. The mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a
+   sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
    clean shadow. Rays over the hemisphere meet the rest of the sky.
@@ -482,7 +484,7 @@
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
    sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
-   treated in the same way; in other modes, if it sees nothing but back faces.
+   treated in the same way. In other modes, only texels that see nothing but back faces are treated so.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
@@ -500,10 +502,10 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
-   mouldings they lean far from the true normals, so that a path tracer, which uses true normals, finds other light
-   there. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay smooth.
-   With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near that a
-   texel is larger than a pixel, its facets then show.
+   mouldings they lean far from the true normals, and the light differs much from that of a path tracer that uses true
+   normals. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay
+   smooth. With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near
+   that a texel is larger than a pixel, its facets then show.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
    Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
@@ -537,7 +539,7 @@
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
    thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
    through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
-   larger than ray_length are not known as hidden.
+   larger than ray_length are not recognised as hidden.
 
 
    ON VERTEX LIGHT
@@ -673,20 +675,21 @@
    store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
    Call sbl_step until it no longer returns SBL_UNFINISHED; examples/host_context.c does so in a frame loop.
-   sbl_step(context, 0.005) returns after about 5 ms. GL work is sized by the speed measured so far, to at most about
-   sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
-   divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
-   program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
-   compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
-   compile again when a program first draws, for the formats of its textures and targets. compile_ahead cannot avoid
-   that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache, a dozen steps of the first
-   picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids that.
+   sbl_step(context, 0.005) returns after about 5 ms. The measured speed decides how much GL work is submitted at once.
+   A submission takes at most about sbl_context_desc.longest_submission, so that no driver's watchdog takes it for a
+   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
+   compilation of a shader program. Programs are compiled one by one, when they are first used, and are kept. With
+   compile_ahead, sbl_create compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some
+   drivers, llvmpipe among them, compile again when a program first draws, for the formats of its textures and targets.
+   compile_ahead cannot avoid that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache,
+   a dozen steps of the first picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids
+   that.
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   Start to ask for a channel with the first step: the answer is SBL_UNFINISHED while there is nothing to read, and
-   sbl_step then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes
-   later, the call that makes it also makes such a preview.
+   A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED while there is
+   nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has grown by a
+   quarter. If the first request comes later, the function that receives it makes a preview itself, which takes time.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
@@ -802,18 +805,19 @@
    ON PARTS
 
    A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
-   selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
-   same GL driver, no matter which windows were made before. Windows fit together, because their tiles and the rotations
-   of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius + 1. Windows
-   with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the complete
-   picture with this mean and price. The joined picture therefore hardly has larger steps of light at the borders of
-   windows than the complete picture has at these places.
+   selects a part; width, height and view_to_clip stay those of the whole picture. On the same GL driver, a window is
+   the same to the bit, no matter which windows were made before. Windows fit together, because their tiles and the
+   rotations of their sensors are those of the whole picture, and because a window also measures a margin, which is not
+   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius +
+   1. Windows with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the
+   complete picture with this mean and price. The joined picture therefore hardly has larger steps of light at the
+   borders of windows than the complete picture has at these places.
 
-   The joined picture is not to the bit that of one call. With a price, few pixels differ, at the borders of windows and
-   where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the target error by
-   itself: the joined picture has other sensors in places, differs by less than the target, and neighbouring pixels at
-   the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in three scenes).
+   The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
+   of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
+   target error by itself: the joined picture has other sensors in places, differs by less than the target, and
+   neighbouring pixels at the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in
+   three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -850,7 +854,7 @@
    a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
    baked at once.
 
-   Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
+   Probes and light at vertices can be baked in parts, too. On the same GL driver, the parts equal the whole to the bit.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
    part may also make the light itself, because it has the same bits on the same driver.
 
@@ -1030,8 +1034,9 @@ typedef struct sbl_capabilities {
     uint32_t available;       /* sbl_capability bits of the features that the driver has */
     uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available, but not disabled */
     int max_texture_size;     /* largest width and height of a texture */
-    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Larger scenes (3 per triangle, 2 per
-                                 vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on llvmpipe */
+    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. A scene that needs more in one table
+                                 (3 per triangle, 2 per vertex, 9 per mesh or lamp) is read from 2D textures, 15 to
+                                 45 % slower on llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -1188,10 +1193,10 @@ typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture must be 0, wrap is ignored. There is no environment if its pixels and
                                  radiance are NULL */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* instead of picture.pixels (both are
-                                 an error): gets the radiance from a unit direction in the world. sbl_set_scene calls it
-                                 for the centre of each texel of a picture of picture.width x picture.height, by default
-                                 512 x 256. rotation and up do not turn the light of this function */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* replaces picture.pixels (it is an
+                                 error to set both): gets the radiance from a unit direction in the world. sbl_set_scene
+                                 calls it for the centre of each texel of a picture of picture.width x picture.height,
+                                 by default 512 x 256. rotation and up do not turn the light of this function */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
     float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
@@ -1396,7 +1401,8 @@ typedef struct sbl_picture_desc {
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
                                   seen. At twice this height or more, shading normals are used; in between, a mixture.
-                                  Default: 2. Negative: shading normals on all triangles */
+                                  Surfaces with a normal texture, or with a lobe of a roughness below 0.6, always use
+                                  shading normals. Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
                                   see ON REFLECTIONS). Default: 1 / 4 / 16 */
@@ -2076,7 +2082,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
    the predicted error is wrong                               >>weigh, >>fill; the error of stored light: >>uncertainty
    the target error is missed or takes too long               >>weigh, >>rounds, >>guide
-   a slow picture: see sbl_stats.seconds                      the room of the largest number
+   a picture is slow: see sbl_stats.seconds                   the rooms that do the work of the largest time
    one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
    the GL state of the host has changed                       >>gl (guard)
