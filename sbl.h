@@ -8429,10 +8429,11 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lamps.light_count), limit = c->max_texture_buffer_size;
-    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 8 per mesh; or 9 per lamp, and 3
+    const double per_mesh = (double)sizeof(sbl__object) / 16;
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 9 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
+                                   SBL__MAX(per_mesh * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -8445,7 +8446,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         most = SBL__MAX(most, limit);
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d "
                  "meshes; this driver's textures hold %.0f, %.0f and %.0f", g->vertex_count, g->triangle_count,
-                 g->mesh_count, most / 2, most / 3, most / 8);
+                 g->mesh_count, most / 2, most / 3, most / per_mesh);
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
