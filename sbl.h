@@ -2810,7 +2810,7 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
    function returns, the guard restores it. sbl__guard_force sets the state that passes rely on, after sbl__guard_save
    and after each call of the host's draw callback. */
 
-/* Capabilities of glEnable that the guard saves and restores. The last but one needs GL 4.0, the last one needs 4.3. */
+/* Capabilities of glEnable that the guard saves and restores. The second to last needs GL 4.0, the last needs 4.3. */
 static const unsigned sbl__guard_switches[] = {
     SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
     SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
@@ -3040,11 +3040,11 @@ typedef struct sbl__record {
 #define SBL__CHILD_NUMBER 0x0fffffffu
 #define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
 #define SBL__LAMP_NEAR_LIGHT 1u
-#define SBL__LAMP_FAR_LIGHT 2u
+#define SBL__LAMP_DISTANT_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_GLOW 4u
-#define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp */
-#define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
+#define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp_leaf */
+#define SBL__DISTANT_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
@@ -3091,7 +3091,8 @@ typedef struct sbl__record {
 #define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
                                           most this */
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
-                                          viewer or, at sites of >>vertices, the face normal */
+                                          viewer or, if there is no viewer, the face normal; also of the cosine between
+                                          the ray that a mirror reflects and the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
 #define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
                                           this */
@@ -3113,9 +3114,10 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
-#define SBL__POLISHED 0.16f            /* samples blur what metal of lower roughness shows where a pane mirrors it */
-#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
-                                          the lobe also reflects where the albedo is 0 */
+#define SBL__POLISHED 0.16f            /* metal of lower roughness blurs what it reflects to a pane in front of it:
+                                          anti-aliasing samples take random directions of its lobe */
+#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
+                                          because the lobe of a surface with an albedo of 0 also reflects light */
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
@@ -3124,15 +3126,17 @@ typedef struct sbl__record {
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
-                                          itself. The height is relative to the scene's extent, to the distance of the
-                                          lamp's image or, if this is distant, to the size of the mirror */
+                                          itself. The height of a lamp is relative to the scene's extent; that of a
+                                          sensor is relative to the distance of the lamp's image or, if the lamp is at
+                                          infinity, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: of the
-                                          triangle's reach if rays are traced and the reach is known, otherwise of the
-                                          scene's extent, because depth buffers are imprecise (see sbl__spec_offset). At
-                                          2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: if rays are
+                                          traced, of the triangle's reach (sbl_Surface.reach in surface.glsl), if it is
+                                          known; otherwise of the scene's extent, because depth buffers are imprecise
+                                          (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes sensors on a
+                                          sphere see the sphere */
 
 #define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
 #define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold the number of steps of its
@@ -3140,19 +3144,18 @@ typedef struct sbl__record {
 
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(CAST_LAYERS) \
-    X(GUIDE_BANDS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
-    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(PATCH_AXIS_SHIFT) \
+    X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
+    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
+    X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
+    X(LAMP_NEAR_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
-    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
-    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
-    X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
+    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) X(LOBE_ROUGH) X(LOBE_UNIT) \
+    X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) X(POLISHED) X(MIRROR_DIFFUSE) \
+    X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -3345,7 +3348,7 @@ typedef struct sbl__device {
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* assumed number of invocations that fill the device: fewer take as long */
+    int lot;                 /* assumed number of invocations that occupy the whole device; fewer take as long */
 } sbl__device;
 
 /* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL gives no name, logs an
@@ -3554,7 +3557,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
 
 /* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats.
    Reads through a framebuffer of its own, because NVIDIA's driver (580.159) copies the whole attachment if the
-   framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
+   framebuffer has several attachments: to read a G-buffer of 2048 x 2048 pixels in 512 pieces then takes 24 s, not
+   0.05 s. */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -4161,8 +4165,9 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
        of a submission: on llvmpipe, work in slices of 5 ms is 10 to 15 % faster with 8 (the width of its vectors) than
        with 64. A lot of two workgroups keeps the pace from settling on submissions that use one thread: with expensive
-       looks (scene staircase2, SBL_PRESET_HIGH), work in slices takes 9 % longer than work in one call, not 75 %. A GPU
-       needs at least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+       looks (scene staircase2, SBL_PRESET_HIGH), work in slices takes 9 % longer than work in one call, instead of 75 %
+       longer. On a GPU, a workgroup should fill at least a wavefront, which is at most 64 wide, and each core needs
+       several workgroups; the numbers for GPUs were not measured. */
     for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
         on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
     d->workgroup = on_cpu ? 8 : 64;
@@ -4597,8 +4602,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 /* Number of bytes of the fields from reflectance to transmission. The later fields, except layer, describe the normal
-   map, which stored light does not depend on. */
-#define SBL__OBJECT_GLOSS (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
+   map, on which stored light does not depend. */
+#define SBL__OBJECT_SPECULAR_BYTES (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
 
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
@@ -4753,7 +4758,8 @@ static uint32_t sbl__pack_color(const float *two) {
     return (uint32_t)(two[0] * SBL__COLOR_MOST + 0.5f) | (uint32_t)(two[1] * SBL__COLOR_MOST + 0.5f) << 16;
 }
 
-/* Appends a mesh, without triangles whose area is 0. Does not set world positions and normals (sbl__mesh_transform). */
+/* Appends a mesh, without triangles whose area is 0. World positions and normals are set later, by
+   sbl__mesh_transform. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
     const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
@@ -4949,8 +4955,8 @@ static void sbl__geometry_move_origin(const sbl__base *base, sbl__geometry *g, c
 /* Moves the origin of all positions if the scene is far from it: to the middle of the scene's bounds or, if the scene
    is near 0 0 0, to 0 0 0. Positions are floats, and offsets of sensors and insets of surface points must exceed the
    rounding errors of these (see SBL__OFFSET and surface.glsl), which are then proportional to the size of the scene
-   instead of its distance. The new origin does not depend on the old one, so that meshes that return make the same
-   scene again. The geometry must be measured. Returns 1 if the origin has moved. */
+   instead of its distance. The new origin does not depend on the old one, so that a mesh that moves away and back gives
+   the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     static const float zero[3] = { 0, 0, 0 };
     float middle[3];
@@ -5414,7 +5420,8 @@ static int sbl__solver_after_advance(void *work) {
     return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does a piece. Returns SBL_SUCCESS when solved or after SBL__SOLVER_ROUNDS; the next call starts a new solution. */
+/* Does a piece of the work. Returns SBL_SUCCESS if all systems are solved, or after SBL__SOLVER_ROUNDS iterations. The
+   next call then starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = { SBL__SOLVER_STAGES(SBL__STAGE_ROW) };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
@@ -5609,13 +5616,14 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels show, but is too rough to be a perfect one. Textures count as 1. */
+/* Returns 1 if pixels show what the material mirrors, but it is too rough to be a perfect mirror. Textures count as
+   1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Returns 1 if the material is metal that panes show, but is too rough for a perfect mirror. */
+/* Returns 1 if the material is metal that blurs what it reflects to panes, see SBL__POLISHED. Textures count as 1. */
 static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
@@ -5660,7 +5668,7 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture) ||
-           memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_GLOSS);
+           memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_SPECULAR_BYTES);
 }
 
 /* Returns the sum of the three channels of the emitted radiance, before the texture is applied. */
@@ -5679,8 +5687,9 @@ static int sbl__albedo_is_limited(const sbl__object *o) {
 
 #define SBL__ALBEDO_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
 
-/* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R, with any signs. If
-   the surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
+/* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R of a leaf; the signs
+   are ignored, because the sign of red is a flag (see sbl__leaf_is_bright). If the surface is not matte, the result is
+   approximate, and sbl_glow_pattern in material.glsl corrects it. */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -5803,7 +5812,7 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Returns the GGX distribution of normals at the half vector h of w and the view.\n",
-"float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {\n",
+"float sbl_lobe_ndf(sbl_Lobe l, vec3 w, out vec3 h) {\n",
 "    float a2 = l.alpha * l.alpha;\n",
 "    h = (w + l.view) / max(length(w + l.view), 1e-30);\n",
 "    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;  // 1 + (a2 - 1) h.z^2 without cancellation near h.z = 1\n",
@@ -5815,17 +5824,17 @@ static const char *const sbl__glsl_lobe[] = {
 "vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 w = direction * l.frame, h;\n",
 "    if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);\n",
-"    float spread = sbl_lobe_spread(l, w, h);\n",
+"    float ndf = sbl_lobe_ndf(l, w, h);\n",
 "    float shadowing = 1.0 / (1.0 + sbl_lambda(l.alpha, l.view) + sbl_lambda(l.alpha, w));\n",
-"    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));\n",
+"    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * ndf * shadowing / (4.0 * l.view.z * w.z));\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a direction from sbl_lobe_sample.\n",
 "float sbl_lobe_density(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 h;\n",
 "    if (l.alpha <= 0.0) return SBL_UNBOUNDED;\n",
-"    float spread = sbl_lobe_spread(l, direction * l.frame, h);\n",
-"    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
+"    float ndf = sbl_lobe_ndf(l, direction * l.frame, h);\n",
+"    return ndf / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
@@ -6014,8 +6023,9 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
-"// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.\n",
+"// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of the paper's\n",
+"// equations 1 and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other\n",
+"// surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -6031,8 +6041,8 @@ static const char *const sbl__glsl_material[] = {
 "// Returns the radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). Rays\n",
-"// that hit gloss find the light of its lobe.\n",
+"// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For\n",
+"// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
@@ -6717,7 +6727,8 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh_building *)work)->hierarchy->node_count - 1; }
 
-/* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. Goes backwards: parents come first. */
+/* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. The last node is the first to be
+   visited, because parents precede their children. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6973,15 +6984,16 @@ static const char *const sbl__glsl_traverse[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes\n",
-"// reflect it. It is the probability that the ray was sent to a lamp in a mirror\n",
+"// Probability that the ray was sent to a lamp in a mirror. The mirror should then reflect the ray: gloss does so\n",
+"// with at least this probability (see sbl_face_ray), and panes with at least half of it (see sbl_passes).\n",
 "float chance_least = 0.0;\n",
 "#endif\n",
 "\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
-"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted\n",
-"// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray\n",
-"// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.\n",
+"// Returns true if the ray passes through the surface that it hits. For SBL_RAY_SHADOW, multiplies sbl_tint by the\n",
+"// transmitted fraction. For SBL_RAY_PATH, decides by Russian roulette, and multiplies sbl_tint by 1 / (probability\n",
+"// of the result), and by the transmitted fraction if the ray passes. A ray that may have been sent to a lamp in a\n",
+"// mirror (see chance_least) passes less often.\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -7036,7 +7048,7 @@ static const char *const sbl__glsl_traverse[] = {
    power            the sum of their powers
    square, mixed    the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write
    front            sum of power * normal / 2 of one-sided and of distant lamps
-   beyond           index of the node after the subtree; SBL__FAR_NODE is added in the tree of distant lamps
+   beyond           index of the node after the subtree; SBL__DISTANT_NODE is added in the tree of distant lamps
    first_leaf       index of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
@@ -7089,7 +7101,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
 #define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
-#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if its first part has at most this * its radius */
+#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first part is at most this * the
+                                         radius of the cluster */
 #define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
@@ -7098,8 +7111,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
                                          fraction of its value at the outer cone */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: over 61 (curve bits) + log2(lamps at a
-                                         point) */
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
+                                         curve, plus log2(number of lamps at one point) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
@@ -7110,7 +7123,9 @@ typedef struct sbl__lamp {
     int one_sided, distant;
 } sbl__lamp;
 
-typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
+/* Sums over the lamps of a cluster, and their bounds. square: the elements xx, yy, zz, xy, yz, zx of the sum of
+   shown * normal * normal^T, where `shown` is a lamp's part of the sum `shown`; see sbl__cluster_of_lamp */
+typedef struct sbl__cluster { double power, shown, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
    lobe. */
@@ -7273,7 +7288,7 @@ static void sbl__light_write(const sbl_light *light, const float centre[3], sbl_
 static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *lamp) {
     const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
-    const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
+    const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
@@ -7371,9 +7386,9 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
     return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
 }
 
-/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
-   triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
-   stand for a surface with two sides. */
+/* Sets the power of a lamp to 0 if the triangle of another lamp has the same corners and emits at least from the same
+   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Solid triangles
+   with both windings often stand for a surface with two sides. */
 static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
@@ -7512,7 +7527,7 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     const double shown = front ? 0.5 * lamp->power : lamp->power;
     int k;
     c->power = lamp->power;
-    c->all_sides = shown;
+    c->shown = shown;
     for (k = 0; k < 6; k++)
         c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
     for (k = 0; k < 3; k++) c->front[k] = front ? shown * lamp->normal[k] : 0;
@@ -7522,14 +7537,14 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
 static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     int k;
     c->power += other->power;
-    c->all_sides += other->all_sides;
+    c->shown += other->shown;
     for (k = 0; k < 6; k++) c->square[k] += other->square[k];
     for (k = 0; k < 3; k++) c->front[k] += other->front[k];
     sbl__box_add(&c->bounds, &other->bounds);
 }
 
 static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
-    const double all_sides = SBL__MIN(c->all_sides, SBL__MOMENT_MOST);
+    const double shown = SBL__MIN(c->shown, SBL__MOMENT_MOST);
     double radius = 0;
     int k;
     for (k = 0; k < 3; k++) {
@@ -7537,15 +7552,16 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* In a direction w, the sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides
-           * the sum of shown * n * n^T (Cauchy-Schwarz inequality). `shown`: see sbl__cluster_of_lamp */
-        node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
-        node->mixed[k] = (float)(all_sides * mixed);
+        /* In a direction w, the sum of shown_i * |n_i . w| over the lamps i, with normals n_i, is at most
+           sqrt(w^T * matrix * w), where the matrix is the sum of all shown_i * the sum of all shown_i * n_i * n_i^T
+           (Cauchy-Schwarz inequality). shown_i: `shown` in sbl__cluster_of_lamp */
+        node->square[k] = (float)(shown * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
+        node->mixed[k] = (float)(shown * mixed);
         node->front[k] = (float)c->front[k];
     }
     node->radius = (float)(1.000001 * sqrt(radius));
     node->power = (float)c->power;
-    if (distant) node->beyond |= SBL__FAR_NODE;
+    if (distant) node->beyond |= SBL__DISTANT_NODE;
 }
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
@@ -7643,10 +7659,10 @@ static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl
            fabs((double)(a->alpha - b->alpha)) < 1e-6;
 }
 
-/* Adds a triangle to the plane with which it agrees. If there is none, it becomes a new plane; without room, this
-   replaces the plane of the smallest weight. The new plane inherits that weight, so that a surface of many small
-   triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation of Frequent
-   and Top-k Elements in Data Streams"). */
+/* Adds a triangle to the plane with which it agrees. If there is no such plane, the triangle becomes a new one, which
+   replaces the plane of the smallest weight if the array is full. The new plane inherits that weight, so that a surface
+   of many small triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation
+   of Frequent and Top-k Elements in Data Streams"). */
 static sbl_result sbl__planes_add(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__plane plane, *p = l->planes;
@@ -7669,11 +7685,12 @@ static sbl_result sbl__planes_add(void *work, int at) {
 
 /* Returns the index of the first node after the subtree of node `at`. */
 static int sbl__lamp_trees_beyond(const sbl__lamp_trees *l, int at) {
-    return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE);
+    return (int)(l->nodes[at].beyond & ~SBL__DISTANT_NODE);
 }
 
-/* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
-   power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
+/* Chooses the nodes of the lamp trees that stand for all lamps in mirrors. Begins with the roots, and repeatedly
+   replaces a node by its two children: of the nodes whose first child is smaller (see SBL__MIRRORED_SHRINKS), the one
+   with the largest power * radius. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
 static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
     int count = 0, i, best = 0;
     for (i = 0; i < l->node_count; i = sbl__lamp_trees_beyond(l, i)) nodes[count++] = i;
@@ -7698,7 +7715,7 @@ static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
    plane. */
 static double sbl__mirrored_make(const sbl__lamp_trees *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
-    const int distant = (n->beyond & SBL__FAR_NODE) != 0;
+    const int distant = (n->beyond & SBL__DISTANT_NODE) != 0;
     const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
     double height = distant ? 0 : -plane->offset, side;
     int k;
@@ -9675,7 +9692,7 @@ typedef struct sbl__window {
     int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
 } sbl__window;
 
-#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+#define SBL__WINDOW_REACH 2     /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
 
 /* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
@@ -9684,7 +9701,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     int k;
     w.whole[0] = d->width;
     w.whole[1] = d->height;
-    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_REACH;
     w.has_ring = d->price > 0;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
@@ -10676,9 +10693,9 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels or the texels of a lightmap show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest\n",
-"                               // height, seen face-on, is below it get the geometric normal, above twice it the\n",
-"                               // shading normal, in between a mixture\n",
+"uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: not used. Triangles whose smallest\n",
+"                               // height, seen face-on, is below facet_limit get the geometric normal; above twice\n",
+"                               // facet_limit, the shading normal; in between, a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -10842,11 +10859,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);\n",
 "}\n",
 "\n",
-"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a\n",
-"// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:\n",
-"// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that\n",
-"// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see\n",
-"// sbl_mirrored\n",
+"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: it passes\n",
+"// through a pane, and is reflected by any other surface. Its weight is 0 if the surface is neither a mirror nor a\n",
+"// pane. aside: the other ray, which is reflected by a pane, and passes through any other surface that transmits\n",
+"// light. Further surfaces let the ray `aside` pass or, if they are metal, reflect it; at all others it ends, with\n",
+"// the stored light there. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -10863,8 +10880,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,\n",
-"// through a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal\n",
-"// shows.\n",
+"// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of\n",
+"// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.\n",
 "// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",
@@ -11140,7 +11157,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     const sbl__target *target = &request->gbuffer->target;
     const unsigned bounced = request->bounced ? SBL__BOUNCED : 0, lightmap = request->atlas ? SBL__LIGHTMAP : 0;
     const unsigned matte = ~(unsigned)(request->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
-    const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);  /* only lobes need rays */
+    /* Without lobes, the program traces no rays, and thus needs no code for holes in the surfaces that rays meet. */
+    const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
@@ -11566,10 +11584,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
-   In scenes with reflections, much of the noise is light of lamps that surfaces reflect from close by, and that pixels
-   beside each other see in different directions. Scouts then count for other guides in the directions in which these
-   see the scouts' hits, or in flat mirrors the images of lamps, and guides stand closer together (Ruppert, Herholz and
-   Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
+   In scenes with reflections, much of the noise is light of lamps that surfaces close by reflect, and adjacent pixels
+   see this light in different directions. Guides then stand closer together. A scout counts for the guide of another
+   pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image of the
+   lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
 
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
@@ -11584,16 +11602,18 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
 /* Distance between the pixels that have guides, in pixels. It is divided by 2 or 4 if this gives fewer than
-   SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST.
-   Windows use the grid of the whole picture, so that all windows together trace as many scouts as the whole. */
+   SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. In
+   scenes with reflections it is then halved, if there are still fewer than SBL__GUIDES_MOST guides, and each pixel of
+   the grid has a quarter of the scouts. Windows use the grid of the whole picture, so that all windows together trace
+   as many scouts as the whole. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
 #define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
-#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
+#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see SBL__GUIDE_STEP */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
-/* A guide for which the scouts of some pixel count */
+/* A guide for which the scouts of the pixel sbl__guides.scout count */
 typedef struct sbl__receiver {
     const struct sbl__pixel *pixel;  /* the guide's pixel */
     double right[3], up[3];     /* sbl__frame of the pixel's normal */
@@ -11809,7 +11829,8 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends structs to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the table */
+/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the
+   table, in structs */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
                                   int room) {
     const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
@@ -12092,7 +12113,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// random choice of a lamp from a cluster, and a random point on a lamp.\n",
 "uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps\n",
 "uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow\n",
-"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED\n",
+"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // programs with SBL_BOUNCED have no variants for SBL_MIXED\n",
 "const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
@@ -12122,7 +12143,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share\n",
 "};\n",
 "\n",
-"bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
+"bool sbl_is_light(sbl_Lamp l) {\n",
+"    return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);\n",
+"}\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
 "vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
@@ -12302,17 +12325,17 @@ static const char *const sbl__glsl_lamp[] = {
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `distant`, a direction\n",
 "    float radius;\n",
-"    bool far;      // true: the lamps are at infinity\n",
+"    bool distant;  // true: the lamps are at infinity\n",
 "    int beyond;    // index of the first node after the cluster's subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
 "    uint beyond = sbl_lamp_node_beyond(node);\n",
-"    bool far = (beyond & SBL_FAR_NODE) != 0u;\n",
-"    return sbl_Cluster(sbl_lamp_node_middle(node) - (far ? vec3(0) : position), sbl_lamp_node_radius(node), far,\n",
-"                       int(beyond & ~SBL_FAR_NODE));\n",
+"    bool distant = (beyond & SBL_DISTANT_NODE) != 0u;\n",
+"    vec3 to = sbl_lamp_node_middle(node) - (distant ? vec3(0) : position);\n",
+"    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));\n",
 "}\n",
 "\n",
 "// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its\n",
@@ -12321,14 +12344,15 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.\n",
-"    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
+"    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the\n",
+"    // sensor.\n",
+"    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
 "    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
 "                 max(distance2, c.radius * c.radius);\n",
-"    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;\n",
+"    return max(shown, 0.0) * (c.distant ? 1.0 : near) / unit;\n",
 "}\n",
 "\n",
 "// >>points of lamps\n",
@@ -12352,9 +12376,9 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
-"    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R / unit of the whole lamp, estimated from this point alone\n",
-"    vec2 b;       // triangle: barycentric weights of the second and third corner\n",
+"    float distance;  // distance to the point, or SBL_UNBOUNDED\n",
+"    vec3 light;      // R / unit of the whole lamp, estimated from this point alone\n",
+"    vec2 b;          // triangle: barycentric weights of the second and third corner\n",
 "};\n",
 "\n",
 "// Returns the barycentric weights of a triangle's second and third corner at a point. from_corner: the point,\n",
@@ -12381,9 +12405,9 @@ static const char *const sbl__glsl_lamp[] = {
 "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
 "            s.b = sbl_barycentrics(l, normal, to - l.corner);\n",
 "        }\n",
-"        s.far = length(to);\n",
-"        s.direction = to / s.far;\n",
-"        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
+"        s.distance = length(to);\n",
+"        s.direction = to / s.distance;\n",
+"        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.distance * s.distance);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
@@ -12398,8 +12422,8 @@ static const char *const sbl__glsl_lamp[] = {
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
-"            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
-"            s.far = max(s.far, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
+"            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+"            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
 "        }\n",
 "    }\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
@@ -12412,7 +12436,7 @@ static const char *const sbl__glsl_lamp[] = {
 "float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
 "    float lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
-"        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
+"        lamp_density = sbl_area_density(l.side_1, l.side_2, s.distance * s.direction);\n",
 "    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);\n",
 "}\n",
 "#endif\n",
@@ -12426,7 +12450,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in\n",
 "// proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x\n",
-"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps\n",
+"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and distant lamps\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
 "    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);\n",
@@ -12550,7 +12574,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];\n",
 "    vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];\n",
 "    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
-"    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
+"    vec3 normal = cross(l.side_1, l.side_2), point = s.distance * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {\n",
@@ -12568,7 +12592,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        ivec2 sheet_texel = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
 "        float shown = texelFetch(view_texture, sheet_texel, 0).a, seen = abs(shown) * extent;\n",
 "        if (seen == 0.0) return false;\n",
-"        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
+"        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.distance * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
 "        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at\n",
 "                                                                 // this texel\n",
@@ -12782,10 +12806,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
-"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);\n",
-"    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
-"                            SBL_RAY_SHADOW);\n",
+"    if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);\n",
+"    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / away,\n",
+"                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
@@ -13022,8 +13046,8 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (corner) {\n",
 "                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
 "                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
-"                s.far = length(way);\n",
-"                s.direction = way / s.far;\n",
+"                s.distance = length(way);\n",
+"                s.direction = way / s.distance;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
 "            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
@@ -13859,8 +13883,8 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
-"    bool bounded = s.far < SBL_UNBOUNDED;\n",
-"    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;\n",
+"    bool bounded = s.distance < SBL_UNBOUNDED;\n",
+"    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;\n",
 "    r.to_lamp = normalize(to);\n",
 "    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;\n",
 "    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is\n",
@@ -17654,7 +17678,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
-        *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
+        *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_SPECULAR_BYTES);
     }
     parts[SBL__SAVED_LIGHTS] = seed;
     for (i = 0; i < s->lamps.light_count; i++) {

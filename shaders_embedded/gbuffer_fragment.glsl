@@ -1,8 +1,8 @@
 // Computes the surface points that the camera's pixels or the texels of a lightmap show.
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest
-                               // height, seen face-on, is below it get the geometric normal, above twice it the
-                               // shading normal, in between a mixture
+uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: not used. Triangles whose smallest
+                               // height, seen face-on, is below facet_limit get the geometric normal; above twice
+                               // facet_limit, the shading normal; in between, a mixture
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
@@ -166,11 +166,11 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
     return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);
 }
 
-// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a
-// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:
-// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that
-// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see
-// sbl_mirrored
+// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: it passes
+// through a pane, and is reflected by any other surface. Its weight is 0 if the surface is neither a mirror nor a
+// pane. aside: the other ray, which is reflected by a pane, and passes through any other surface that transmits
+// light. Further surfaces let the ray `aside` pass or, if they are metal, reflect it; at all others it ends, with
+// the stored light there. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
@@ -187,8 +187,8 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
 }
 
 // Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,
-// through a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal
-// shows.
+// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of
+// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.
 // hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
