@@ -296,7 +296,7 @@
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 0.75 to 1.2
    times the prediction in five rooms at targets of 3, 1.5 and 0.8 %, and 0.6 to 1.7 times in random furnished rooms.
    Three errors cannot be predicted: a shadow between all sensors of the first level; a window that no ray has met; and
-   edges of light inside a cell that is larger than the geometry beside it.
+   sharp edges of light inside a cell that is larger than the geometry beside it.
 
 
    ON LIGHTS
@@ -1149,7 +1149,7 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 /* A texture. It is filtered bilinearly, without mip maps. */
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied. Set pixels or gl_texture, not both */
-    uint32_t gl_texture;      /* a GL_TEXTURE_2D, of which level 0 is copied as a shader samples it */
+    uint32_t gl_texture;      /* a GL_TEXTURE_2D, whose level 0 is copied, after sRGB decoding and swizzle */
     sbl_pixel_format format;  /* format of pixels. The copy of gl_texture is stored as 8-bit sRGB for SBL_PIXELS_SRGB8,
                                  otherwise as 16-bit floats. Default: SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
@@ -1348,9 +1348,9 @@ typedef struct sbl_options {
                                   Default in SBL_MODE_AMBIENT and SBL_MODE_PAPER: 0.02. Negative: no ambient light.
                                   SBL_MODE_DIRECT and SBL_MODE_GI ignore the field */
     uint32_t seed;             /* selects the rotations of the sensors, and so the noise. Default: 0 */
-    float ray_length;          /* world length of rays over the hemisphere, at whose ends they see the sky; rays towards
-                                  lamps do not end. Only in SBL_MODE_DIRECT with traced sensors, not for probes; see ON
-                                  OCCLUSION. Default: 0, rays do not end */
+    float ray_length;          /* world length of rays over the hemisphere; rays that meet no surface within it see the
+                                  sky. It does not limit rays towards lamps. Only in SBL_MODE_DIRECT with traced
+                                  sensors, not for probes; see ON OCCLUSION. Default: 0, no limit */
     int (*progress)(float done, void *user);  /* called between two pieces of work; done goes from 0 to 1. A nonzero
                                   result cancels the work. Default: NULL, no call */
     void *progress_user;       /* passed to progress */
@@ -1828,8 +1828,8 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
    between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
    which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
-   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold:
-   use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps changes so much that the scene
+   needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -3351,11 +3351,11 @@ typedef struct sbl__device {
     int lot;                 /* assumed number of invocations that occupy the whole device; fewer take as long */
 } sbl__device;
 
-/* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL gives no name, logs an
-   error and returns 0; the caller must then not bind *name, because GL's default objects have the name 0. */
+/* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL creates no object, logs
+   an error and returns 0; the caller must then not bind *name, because GL's default objects have the name 0. */
 static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *), unsigned *name) {
     if (!*name) generate(1, name);
-    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
+    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL created no object while %s", d->gl.doing);
     return *name != 0;
 }
 
@@ -4361,7 +4361,7 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     sbl__mesh_streams(m, streams);
     for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "index_count is %d; it must be a multiple of 3", m->index_count);
+        sbl__mistake(check, "index_count is %d; it must be a multiple of 3, and not negative", m->index_count);
     else if (indexed) sbl__check_stream(check, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "vertex_count is %d; without indices it must be a multiple of 3", m->vertex_count);
@@ -4383,7 +4383,7 @@ static void sbl__check_light_group(sbl__check *check, const char *field, int gro
 /* Checks the number of a texture: 0 or 1 to count. count: sbl_scene_desc.texture_count */
 static void sbl__check_texture_number(sbl__check *check, const char *field, int number, int count) {
     if (number >= 0 && number <= SBL__MAX(count, 0)) return;
-    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0, for none, to %d", field, number, count);
+    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0 (no texture) or 1 to %d", field, number, count);
     else sbl__mistake(check, "%s is %d; it must be 0, because the scene has no textures", field, number);
 }
 
@@ -7907,7 +7907,7 @@ typedef struct sbl__store {
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
-    float brightest;           /* largest channel of R in any leaf; set by sbl__store_send */
+    float brightest;           /* largest component of R in any leaf; set by sbl__store_send */
     float air[6][3];           /* mean R in the air, on surfaces that face +x, -x, +y, -y, +z, -z; it lights geometry
                                   that the host draws */
     sbl__table table;          /* patches, cells, cuts and leaves; one table, because texture units are few */
@@ -8598,8 +8598,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
                              s->geometry.extent);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
-                 "materials or lights; call sbl_set_scene");
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "these materials or lights change the number of lamps "
+                 "so much that the scene needs tables of another kind; call sbl_set_scene");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (result == SBL_SUCCESS) {
