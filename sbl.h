@@ -3359,6 +3359,7 @@ static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int,
     return *name != 0;
 }
 
+/* Replaces `before` by `after` bytes in the count of GPU memory. */
 static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     base->memory.gpu_bytes = base->memory.gpu_bytes - before + after;
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
@@ -4704,6 +4705,8 @@ typedef struct sbl__mesh_data {
     int vertex_count, corner_count;
 } sbl__mesh_data;
 
+/* Reads the streams of a mesh. Positions, normals, lightmap coordinates and indices go directly into the arrays of g,
+   after the meshes that these hold. */
 static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
     const int indexed = sbl__stream_present(&in->indices);
     const size_t first = (size_t)g->vertex_count;
@@ -5006,6 +5009,7 @@ static const sbl__input sbl__attribute_inputs[] = {
     { 3, 2, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__attributes), offsetof(sbl__attributes, color_rg) }
 };
 
+/* Sends the arrays to the GPU, and makes the tables and the vertex array from them. */
 static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     const void *const contents[] = { g->vertices, g->attributes, g->indices, g->objects };
     const size_t bytes[] = { sizeof *g->vertices * (size_t)g->vertex_count,
@@ -5254,12 +5258,14 @@ static void sbl__ring_spread(sbl__rings *r, int thing) {
     }
 }
 
+/* Queues the neighbours of a thing of ring 0. */
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
     if (r->ring[thing] == 0) sbl__ring_spread(r, thing);
     return SBL_SUCCESS;
 }
 
+/* Computes the value of a queued thing, and queues its neighbours. */
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
     const int thing = r->queue[at];
@@ -5502,6 +5508,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
     return SBL_SUCCESS;
 }
 
+/* Reads a texture from client memory or from GL, and writes its texels into its table. */
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                      const sbl_texture *t, int number) {
     const int size[2] = { (int)s->entries[number][1], (int)s->entries[number][2] };
@@ -5674,6 +5681,7 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
 /* Returns the sum of the three channels of the emitted radiance, before the texture is applied. */
 static double sbl__emission_sum(const sbl__object *o) { return sbl__sum3(o->emission); }
 
+/* Returns 1 if a side of an object emits light. back: 1: the back; 0: the front */
 static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
@@ -7440,6 +7448,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
+/* Returns the position of a lamp along the Morton curve: for a distant lamp, the position of its direction. */
 static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
@@ -7518,6 +7527,7 @@ static sbl_result sbl__lamp_trees_split(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Makes the cluster of a single lamp. */
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     /* axes of the products xx yy zz xy yz zx in sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
@@ -7543,6 +7553,7 @@ static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     sbl__box_add(&c->bounds, &other->bounds);
 }
 
+/* Writes a cluster into a node of the lamp trees. */
 static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
     const double shown = SBL__MIN(c->shown, SBL__MOMENT_MOST);
     double radius = 0;
@@ -7582,6 +7593,7 @@ static sbl_result sbl__lamp_trees_sum(void *work, int at) {
 
 /* >>lamps: stages */
 
+/* Computes the positions of all lamps along the Morton curve, and allocates the arrays of the next stages. */
 static sbl_result sbl__lamp_trees_place(void *work, sbl__slice *slice) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__base *base = l->device->base;
@@ -7648,6 +7660,7 @@ static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__
     return plane->weight > 0;
 }
 
+/* Returns 1 if two planes have the same lobe, and about the same normal and offset. */
 static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl__geometry *g) {
     double cosine = 0;
     int k;
@@ -7761,6 +7774,7 @@ static int sbl__lamp_trees_mirror(void *work) {
     return l->stages.stage + 1;
 }
 
+/* Writes the table of lamps, and sends it to the GPU. */
 static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const sbl__device *d = l->device;
@@ -8103,6 +8117,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
 static int sbl__patching_vertices(void *work) { return ((sbl__patching *)work)->geometry->vertex_count; }
 static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)->geometry->triangle_count; }
 
+/* Finds the first vertex of the mesh at the position of a vertex. */
 static sbl_result sbl__patch_weld(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     p->welded[at] = sbl__hash_table_first(&p->positions, sbl__position_hash(p->geometry, (uint32_t)at), (uint32_t)at,
@@ -8110,6 +8125,7 @@ static sbl_result sbl__patch_weld(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Joins the patch of a triangle to those of the earlier triangles beside it, unless the angle between them is large. */
 static sbl_result sbl__patch_join(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -9149,6 +9165,7 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     return sbl__store_send(w->device, &s->store, &s->geometry, s->light_groups);
 }
 
+/* Finds the glows, in slices, see sbl__glow_step. */
 static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__glow_side, sbl__glow_sides, NULL },
@@ -9273,6 +9290,7 @@ static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kin
     return m;
 }
 
+/* Returns 1 if a matrix consists of a rotation and a translation, except for rounding. */
 static int sbl__rigid(const float m[16]) {
     int i, k;
     for (i = 0; i < 3; i++)
@@ -9886,6 +9904,7 @@ static sbl_result sbl__atlas_weld(void *work, int vertex) {
     return SBL_SUCCESS;
 }
 
+/* Joins the corners of a baked triangle to one chart. */
 static sbl_result sbl__atlas_join(void *work, int triangle) {
     sbl__atlas *a = (sbl__atlas *)work;
     const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
@@ -9930,6 +9949,7 @@ static void sbl__extend(double *from, double *to, double x) {
     *to = SBL__MAX(*to, x);
 }
 
+/* Computes the place of a triangle of the scene in the map. */
 static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     double low = DBL_MAX, high = -DBL_MAX;
@@ -10159,6 +10179,7 @@ typedef struct sbl__atlas_square {
     double low[2], high[2];  /* the texel's square, clipped to the triangles' bounds; positions in texels */
 } sbl__atlas_square;
 
+/* Collects the triangles of a texel's square. texel: index in the working grid */
 static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
     const int at[2] = { a->window.first[0] + texel % a->width, a->window.first[1] + texel / a->width };
     const uint32_t chart = a->texels[SBL__ATLAS_WORDS * (size_t)texel + 3];
@@ -11409,6 +11430,7 @@ static void sbl__specular_albedo(const float reflectance[3], double roughness, d
     for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
 }
 
+/* Makes the lobe of a site, as shaders read it. */
 static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
     const double cosine = SBL__MIN(SBL__MAX((double)sbl__dot(site->view, site->normal), 1e-3), 1);
     const double sine = sqrt(1 - cosine * cosine);
@@ -11442,6 +11464,7 @@ typedef struct sbl__layout {
 /* The vertex attributes of a view, as explained in sensor_vertex.glsl */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
+/* Arranges the views of a look in its sheet, as the picture at sbl_sensor shows. */
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
     const int half = (size + 1) / 2;
     int i;
@@ -12056,6 +12079,7 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
+/* Makes a sequence as sbl__sequence_make does, and sends it to the GPU. */
 static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
     uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
