@@ -1764,7 +1764,8 @@ typedef struct sbl_sensor_ray {
                           +--------+--------+
 
    A traced sensor has rays. Its sheet is one row with a texel per ray; the weights of the texels differ where rays are
-   guided. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels find the emitters. */
+   guided, or go to mirrored lamps. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels
+   find the emitters. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there. In a texel
@@ -1776,7 +1777,8 @@ typedef struct sbl_sensor {
     int looks;                /* number of looks. The fields below, except sensed and level, are of the first look */
     float from_surroundings[3];  /* part of the first look's R: the sum of weight * radiance over the sheet */
     float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
-    float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
+    float weight_sum;         /* sum of the weights of the sheet: 1, except for a single view, and about 1 if the rays
+                                 are guided or go to mirrored lamps */
     float back_share;         /* share of the whole weight that sees back faces, unlike in sbl_reading */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
@@ -11742,32 +11744,6 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(bands, SBL__GUIDE_BANDS, even, words);
 }
 
-/* Returns the start of interval i of `count`, 0 to SBL__GUIDE_STEPS; for i = count, the end of the last interval. */
-static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
-    return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
-}
-
-/* Does the same as sbl_guide in guide.glsl: maps a uniform point u in the unit square to a point distributed by the
-   guide, and returns the weight of its ray. words: first word of the guide */
-static double sbl__guide_warp(const uint32_t *words, double u[2]) {
-    static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
-    double weight = 1;
-    int axis;
-    for (axis = 0; axis < 2; axis++) {
-        const double x = u[axis] * SBL__GUIDE_STEPS;
-        const int count = counts[axis];
-        double begin, width;
-        int i = 0;
-        while (i + 1 < count && sbl__guide_interval_begin(words, i + 1, count) <= x) i++;
-        begin = sbl__guide_interval_begin(words, i, count);
-        width = sbl__guide_interval_begin(words, i + 1, count) - begin;
-        u[axis] = (i + (x - begin) / width) / count;
-        weight *= SBL__GUIDE_STEPS / (width * count);
-        words += (SBL__GUIDE_BANDS + i * SBL__GUIDE_SECTORS) / 2;
-    }
-    return weight;
-}
-
 /* Returns the first word of a guide. */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
@@ -13925,8 +13901,10 @@ static const char *const sbl__glsl_reflect[] = {
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
 "// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a\n",
-"// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance\n",
+"// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, for inspections,\n",
+"// the invocation traces one ray: out_sum.a is its weight, divided by `rays`; out_hits.xyz is its direction; and\n",
+"// out_hits.w is its distance, negative for a back face, or 0 if the ray hits nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -14072,6 +14050,8 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
 "    vec4 even = vec4(0);\n",
+"    vec3 way = vec3(0);   // direction of the ray\n",
+"    float weight = 0.0;   // weight of the ray\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "    for (int k = 0, i = part << paired; i < end;\n",
@@ -14079,7 +14059,7 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = sbl_unit_square(fraction);\n",
-"        float weight = every;\n",
+"        weight = every;\n",
 "#ifdef SBL_SPECULAR\n",
 "        ray_density = 0.0;\n",
 "#endif\n",
@@ -14116,7 +14096,7 @@ static const char *const sbl__glsl_trace[] = {
 "        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
 "        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"        vec3 way = direction;\n",
+"        way = direction;\n",
 "        float limit = ray_length;\n",
 "        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
 "        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
@@ -14191,9 +14171,12 @@ static const char *const sbl__glsl_trace[] = {
 "        other = light;\n",
 "    }\n",
 "    if (counts_steps) hits.y = float(sbl_steps);\n",
+"    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
+"    if (paired == 0) sum.a = weight;\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    if (sbl_cut_short()) hits.z = SBL_LOST;\n",
-"    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
+"    hits = vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays));\n",
+"    sbl_write(out_hits, paired == 0 ? inspected : hits);\n",
 "    harmonics /= float(rays);\n",
 "    sbl_write_harmonics(harmonics);\n",
 "#ifdef SBL_GROUPS\n",
@@ -24324,34 +24307,28 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. */
+/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. The
+   outputs are those of trace.glsl for inspections. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
-    const sbl__task *task = &k->found->job.task;
-    const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
-    uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
-    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->site.guide) : NULL;
+    const int rays = k->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
     float *data = NULL;
-    sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
+    sbl_result result = sbl__inspect_run(k, 0, size, &data);
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
-        const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
+        const float *sum = data + 4 * (size_t)i, *way = sum + 4 * (size_t)(size[0] * size[1]);
+        const float weight = sum[3];
         sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
-        float weight = 1 / (float)rays;
-        double u[2];
         ray->lamp = -1;
-        sbl__sequence_at(sequence, i, sbl__sensor_seed(k->site.number, task->spec.seed), u);
-        if (guide) weight *= (float)sbl__guide_warp(guide, u);
-        sbl__cosine_direction(k->look.normal, u, ray->direction);
-        if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
-        for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
+        ray->distance = way[3];
+        memcpy(ray->direction, way, sizeof ray->direction);
+        for (n = 0; n < 3; n++) ray->radiance[n] = weight > 0 ? sum[n] / weight : 0;
         if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
         if (k->weights) k->weights[i] = weight;
         k->out.weight_sum += weight;
     }
     sbl__free(base, data);
-    sbl__free(base, sequence);
     return result;
 }
 
