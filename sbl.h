@@ -484,7 +484,7 @@
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
    sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
-   treated in the same way. In other modes, only texels that see nothing but back faces are treated so.
+   treated in the same way. In other modes, it must see nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
@@ -644,9 +644,9 @@
    is filled, and 16 per cell on the GPU.
 
    Limits: at most SBL_MAX_LIGHT_GROUPS groups. A lightmap cannot be directional and have groups. Sensors must trace
-   rays, so neither SBL_BACKEND_RASTER, SBL_MODE_PAPER nor a draw callback have groups. In SBL_MODE_AMBIENT, the ambient
-   light of a surface belongs to the group of its material. Windows of a lightmap add up after sbl_join_windows. Saved
-   stores contain the groups, and fit only scenes whose sources have the same groups.
+   rays, so groups exclude SBL_BACKEND_RASTER, SBL_MODE_PAPER and draw callbacks. In SBL_MODE_AMBIENT, the ambient light
+   of a surface belongs to the group of its material. The groups of a lightmap that is baked in windows add up to FINAL
+   only after sbl_join_windows. Saved stores contain the groups, and fit only scenes whose sources have the same groups.
 
 
    ON MEMORY
@@ -1764,7 +1764,7 @@ typedef struct sbl_sensor_ray {
                           +--------+--------+
 
    A traced sensor has rays. Its sheet is one row with a texel per ray; the weights of the texels differ where rays are
-   guided, or go to mirrored lamps. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels
+   guided or go to mirrored lamps. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels
    find the emitters. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
@@ -10736,10 +10736,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// with SBL_NO_SENSORS, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, ignoring points where R is 0. Surfaces\n",
 "// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
-"// the borders of their cells.\n",
-"// points: 25, or 0 if the result is not needed, which then is 0\n",
+"// the borders of their cells. points: 25, or 0 if the result is not needed; it is then 0\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -10783,7 +10782,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
-"const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
+"const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
@@ -10801,8 +10800,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "};\n",
 "\n",
 "// Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds\n",
-"// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that\n",
-"// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.\n",
+"// corners to parts of a pixel, so that the pixel may show a triangle beside its centre. At a silhouette, this may\n",
+"// be a triangle that is seen edge-on, or a back face, which is dark inside a closed mesh.\n",
 "bool sbl_misses(int triangle, vec3 origin, vec3 direction) {\n",
 "    vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);\n",
 "    return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);\n",
@@ -10814,7 +10813,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    if (!hits) m.number = -1;\n",
 "    for (int once = 0; once < (hits ? 1 : 0); once++) {\n",
 "        sbl_Surface found = sbl_surface_at(sbl_facet(hit.number), hit.b1, hit.b2, direction);\n",
-"        // A surface that the camera does not see hides nothing: s then stays as it is.\n",
+"        // A surface that is hidden from the camera must not replace s.\n",
 "        if ((sbl_object_flags(found.object) & SBL_HIDDEN_FROM_CAMERA) != 0u) break;\n",
 "        sbl_apply_facet_limit(found, origin, direction, sbl_is_bumpy(found.object));\n",
 "        m.number = hit.number;\n",
@@ -10994,7 +10993,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (hits > 0) {\n",
 "            m.emission += m.throughput * ray.weight * found.emission;\n",
 "            aside = further;\n",
-"            continue;  // it is the turn of `further`\n",
+"            continue;  // the next iteration traces `further`\n",
 "        }\n",
 "        if (is_aside && !is_sky) light = found.emission;\n",
 "        m.emission += m.throughput * ray.weight * light;\n",
@@ -11628,14 +11627,13 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_LIT 0.7
 /* Distance between the pixels that have guides, in pixels. It is divided by 2 or 4 if this gives fewer than
    SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. In
-   scenes with reflections it is then halved, if there are still fewer than SBL__GUIDES_MOST guides, and each pixel of
-   the grid has a quarter of the scouts. Windows use the grid of the whole picture, so that all windows together trace
-   as many scouts as the whole. */
+   scenes with reflections it may then be halved, see sbl__guides_choose. Windows use the grid of the whole picture, so
+   that all windows together trace as many scouts as the whole. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
 #define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
-#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see SBL__GUIDE_STEP */
+#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* A guide for which the scouts of the pixel sbl__guides.scout count */
@@ -13902,9 +13900,9 @@ static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
 "// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
 "// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance\n",
-"// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, for inspections,\n",
-"// the invocation traces one ray: out_sum.a is its weight, divided by `rays`; out_hits.xyz is its direction; and\n",
-"// out_hits.w is its distance, negative for a back face, or 0 if the ray hits nothing.\n",
+"// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation\n",
+"// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and\n",
+"// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -19236,7 +19234,7 @@ static int sbl__scouts_serve(const sbl__refine *r, int index) {
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
-/* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
+/* Lists the sites of the scouts of the next guides, guides.scouts at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
