@@ -7133,8 +7133,9 @@ typedef struct sbl__lamp {
     int one_sided, distant;
 } sbl__lamp;
 
-/* Sums over the lamps of a cluster, and their bounds. square: the elements xx, yy, zz, xy, yz, zx of the sum of
-   shown * normal * normal^T, where `shown` is a lamp's part of the sum `shown`; see sbl__cluster_of_lamp */
+/* Sums over the lamps of a cluster, and their bounds. shown: sum of `shown` in sbl__cluster_of_lamp. square: the
+   elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T; for a lamp that emits in all directions, the
+   identity matrix replaces normal * normal^T */
 typedef struct sbl__cluster { double power, shown, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
@@ -14320,8 +14321,8 @@ static const sbl__recipe sbl__recipe_trace = {
 };
 
 /* Traces the rays of a batch. Its looks must be in b->table. stuck: 1: each look traces only one ray, along its normal.
-   paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces single rays, so that with one
-   invocation per ray each output texel belongs to one ray */
+   paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces a single ray and reports it, for
+   inspections, see trace.glsl */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
