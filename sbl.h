@@ -63,15 +63,15 @@
        ON GL STATE, ON WINDOWS AND MACOS               GL contexts of the host
        ON DETERMINISM, ON THE PAPER                    when results are equal to the bit; the published method
 
-   The declarations follow this manual. Two further chapters stand at the head of the implementation: SYMPTOMS (where to
-   look if something is wrong) and GLOSSARY.
+   The declarations follow this manual. Four further chapters stand at the head of the implementation: ROOMS, SYMPTOMS
+   (where to look if something is wrong), GLOSSARY, and FOR THOSE WHO CHANGE IT.
 
 
    WHAT IT DOES NOT DO
 
-   There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume, and
-   textures of heights are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are
-   smaller than a pixel shows aliasing. sbl.h opens no files and creates no windows.
+   There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume.
+   Height maps are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are smaller
+   than a pixel shows aliasing. sbl.h opens no files and creates no windows.
 
 
    QUICK START
@@ -242,11 +242,11 @@
        sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
-   auto_exposure depends on the light that arrives at surfaces, as with a light meter that is held into the scene, and
-   not on how bright the surfaces are: white rooms stay white. It brings the geometric mean of the luminance of R to
-   0.71. Black pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean
-   of the brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5
-   stops. The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
+   auto_exposure measures the light that arrives at surfaces, as an incident light meter does, and not how much of it
+   the surfaces reflect: white rooms stay white. It brings the geometric mean of the luminance of R to 0.71. Black
+   pixels, and the darkest and brightest 5 % of the others, are left out of this mean. If the geometric mean of the
+   brightest 5 % of FINAL would then exceed 2.8, the exposure is lowered until it does not, but by at most 1.5 stops.
+   The result is in sbl_stats.picture.exposure, also without a tone. Exposure and tone change no other channel.
    sbl_picture_desc.backdrop puts a gradient behind objects that would otherwise be in front of a black sky.
 
 
@@ -260,8 +260,8 @@
    0.4 %, and 128 below. With the default target of the preset, each sensor takes at most 32 looks. If the first looks
    are too noisy, all looks get more rays, up to 128, and a sensor takes fewer looks: its maximum number of rays stays
    the same. It is 1024 / 1024 / 2048 in pictures with the presets draft / default / high, 1024 / 2048 / 4096 in
-   lightmaps. The limit bounds the time where light comes through windows, and there the picture may miss the target. If
-   you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
+   lightmaps. Without this limit, scenes that are lit through windows would take too long; with it, their pictures may
+   miss the target. If you set target_error yourself, even to its default, the limit is 512 looks instead of 32.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
@@ -275,13 +275,14 @@
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
-   both early, and stop. While the work goes on, the prediction can rise as well as fall, because the first sensors may
-   have missed places. Stop only when it has stayed below your limit for several steps. In pictures of scenes with
-   reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once reflections are
-   measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in all pictures.
+   both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
+   first sensors may have missed places. Stop only when they have stayed below your limit for several steps. In pictures
+   of scenes with reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once
+   reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in
+   all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
-   of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
+   of a cell, and from the size of the cells that are near, because a cell holds one R for its whole area. Sensors
    cannot reduce it; a larger max_bounce_cells does. sbl_stats.picture.stored_error is the third part. The square of the
    predicted error is the sum of the squares of its three parts. If the third part is large, further rays would hardly
    help. Noise and interpolation together are then reduced only to 0.84 of the target or to half of the third part,
@@ -295,7 +296,7 @@
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 0.75 to 1.2
    times the prediction in five rooms at targets of 3, 1.5 and 0.8 %, and 0.6 to 1.7 times in random furnished rooms.
    Three errors cannot be predicted: a shadow between all sensors of the first level; a window that no ray has met; and
-   edges of light inside a cell that is larger than the geometry beside it.
+   sharp edges of light inside a cell that is larger than the geometry beside it.
 
 
    ON LIGHTS
@@ -311,10 +312,11 @@
    lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture and
    the holes of a lamp are sampled where the rays meet the lamp, which adds noise even without obstruction.
 
-   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
-   lights without size get only one ray each. If there are more than 256 lamps, those that are small for their distance
-   form clusters, and each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
-   mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
+   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. A light
+   without size gets exactly one ray, unless 32 others already do. If there are more than 256 lamps, those that are
+   small for their distance form clusters, and each ray picks one lamp of a cluster, with a probability proportional to
+   the light it gives. The mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a
+   sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
    clean shadow. Rays over the hemisphere meet the rest of the sky.
@@ -482,7 +484,7 @@
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
    sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
-   treated in the same way; in other modes, if it sees nothing but back faces.
+   treated in the same way. In other modes, it must see nothing but back faces.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
@@ -500,10 +502,10 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
-   mouldings they lean far from the true normals, so that a path tracer, which uses true normals, finds other light
-   there. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay smooth.
-   With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near that a
-   texel is larger than a pixel, its facets then show.
+   mouldings they lean far from the true normals, and the light differs much from that of a path tracer that uses true
+   normals. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay
+   smooth. With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near
+   that a texel is larger than a pixel, its facets then show.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
    Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
@@ -537,7 +539,7 @@
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
    thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
    through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
-   larger than ray_length are not known as hidden.
+   larger than ray_length are not recognised as hidden.
 
 
    ON VERTEX LIGHT
@@ -642,9 +644,9 @@
    is filled, and 16 per cell on the GPU.
 
    Limits: at most SBL_MAX_LIGHT_GROUPS groups. A lightmap cannot be directional and have groups. Sensors must trace
-   rays, so neither SBL_BACKEND_RASTER, SBL_MODE_PAPER nor a draw callback have groups. In SBL_MODE_AMBIENT, the ambient
-   light of a surface belongs to the group of its material. Windows of a lightmap add up after sbl_join_windows. Saved
-   stores contain the groups, and fit only scenes whose sources have the same groups.
+   rays, so groups exclude SBL_BACKEND_RASTER, SBL_MODE_PAPER and draw callbacks. In SBL_MODE_AMBIENT, the ambient light
+   of a surface belongs to the group of its material. The groups of a lightmap that is baked in windows add up to FINAL
+   only after sbl_join_windows. Saved stores contain the groups, and fit only scenes whose sources have the same groups.
 
 
    ON MEMORY
@@ -673,20 +675,21 @@
    store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
    Call sbl_step until it no longer returns SBL_UNFINISHED; examples/host_context.c does so in a frame loop.
-   sbl_step(context, 0.005) returns after about 5 ms. GL work is sized by the speed measured so far, to at most about
-   sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
-   divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
-   program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
-   compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some drivers, llvmpipe among them,
-   compile again when a program first draws, for the formats of its textures and targets. compile_ahead cannot avoid
-   that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache, a dozen steps of the first
-   picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids that.
+   sbl_step(context, 0.005) returns after about 5 ms. The measured speed decides how much GL work is submitted at once.
+   A submission takes at most about sbl_context_desc.longest_submission, so that no driver's watchdog takes it for a
+   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
+   compilation of a shader program. Programs are compiled one by one, when they are first used, and are kept. With
+   compile_ahead, sbl_create compiles those of matte scenes (3 s on llvmpipe, 0.1 s from its cache on disk). Some
+   drivers, llvmpipe among them, compile again when a program first draws, for the formats of its textures and targets.
+   compile_ahead cannot avoid that, and sbl_programs.compile_seconds does not contain it: on llvmpipe without its cache,
+   a dozen steps of the first picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids
+   that.
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   Start to ask for a channel with the first step: the answer is SBL_UNFINISHED while there is nothing to read, and
-   sbl_step then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes
-   later, the call that makes it also makes such a preview.
+   A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED while there is
+   nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has grown by a
+   quarter. If the first request comes later, the function that receives it makes a preview itself, which takes time.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
@@ -802,18 +805,19 @@
    ON PARTS
 
    A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
-   selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
-   same GL driver, no matter which windows were made before. Windows fit together, because their tiles and the rotations
-   of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
-   margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius + 1. Windows
-   with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the complete
-   picture with this mean and price. The joined picture therefore hardly has larger steps of light at the borders of
-   windows than the complete picture has at these places.
+   selects a part; width, height and view_to_clip stay those of the whole picture. On the same GL driver, a window is
+   the same to the bit, no matter which windows were made before. Windows fit together, because their tiles and the
+   rotations of their sensors are those of the whole picture, and because a window also measures a margin, which is not
+   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius +
+   1. Windows with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the
+   complete picture with this mean and price. The joined picture therefore hardly has larger steps of light at the
+   borders of windows than the complete picture has at these places.
 
-   The joined picture is not to the bit that of one call. With a price, few pixels differ, at the borders of windows and
-   where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the target error by
-   itself: the joined picture has other sensors in places, differs by less than the target, and neighbouring pixels at
-   the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in three scenes).
+   The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
+   of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
+   target error by itself: the joined picture has other sensors in places, differs by less than the target, and
+   neighbouring pixels at the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in
+   three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -850,7 +854,7 @@
    a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
    baked at once.
 
-   Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
+   Probes and light at vertices can be baked in parts, too. On the same GL driver, the parts equal the whole to the bit.
    In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
    part may also make the light itself, because it has the same bits on the same driver.
 
@@ -1030,8 +1034,9 @@ typedef struct sbl_capabilities {
     uint32_t available;       /* sbl_capability bits of the features that the driver has */
     uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available, but not disabled */
     int max_texture_size;     /* largest width and height of a texture */
-    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Larger scenes (3 per triangle, 2 per
-                                 vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on llvmpipe */
+    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. A scene that needs more in one table
+                                 (3 per triangle, 2 per vertex, 9 per mesh or lamp) is read from 2D textures, 15 to
+                                 45 % slower on llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -1144,7 +1149,7 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 /* A texture. It is filtered bilinearly, without mip maps. */
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied. Set pixels or gl_texture, not both */
-    uint32_t gl_texture;      /* a GL_TEXTURE_2D, of which level 0 is copied as a shader samples it */
+    uint32_t gl_texture;      /* a GL_TEXTURE_2D, whose level 0 is copied, after sRGB decoding and swizzle */
     sbl_pixel_format format;  /* format of pixels. The copy of gl_texture is stored as 8-bit sRGB for SBL_PIXELS_SRGB8,
                                  otherwise as 16-bit floats. Default: SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
@@ -1188,10 +1193,10 @@ typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture must be 0, wrap is ignored. There is no environment if its pixels and
                                  radiance are NULL */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* instead of picture.pixels (both are
-                                 an error): gets the radiance from a unit direction in the world. sbl_set_scene calls it
-                                 for the centre of each texel of a picture of picture.width x picture.height, by default
-                                 512 x 256. rotation and up do not turn the light of this function */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* replaces picture.pixels (it is an
+                                 error to set both): gets the radiance from a unit direction in the world. sbl_set_scene
+                                 calls it for the centre of each texel of a picture of picture.width x picture.height,
+                                 by default 512 x 256. rotation and up do not turn the light of this function */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
     float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
@@ -1343,9 +1348,9 @@ typedef struct sbl_options {
                                   Default in SBL_MODE_AMBIENT and SBL_MODE_PAPER: 0.02. Negative: no ambient light.
                                   SBL_MODE_DIRECT and SBL_MODE_GI ignore the field */
     uint32_t seed;             /* selects the rotations of the sensors, and so the noise. Default: 0 */
-    float ray_length;          /* world length of rays over the hemisphere, at whose ends they see the sky; rays towards
-                                  lamps do not end. Only in SBL_MODE_DIRECT with traced sensors, not for probes; see ON
-                                  OCCLUSION. Default: 0, rays do not end */
+    float ray_length;          /* world length of rays over the hemisphere; rays that meet no surface within it see the
+                                  sky. It does not limit rays towards lamps. Only in SBL_MODE_DIRECT with traced
+                                  sensors, not for probes; see ON OCCLUSION. Default: 0, no limit */
     int (*progress)(float done, void *user);  /* called between two pieces of work; done goes from 0 to 1. A nonzero
                                   result cancels the work. Default: NULL, no call */
     void *progress_user;       /* passed to progress */
@@ -1396,7 +1401,8 @@ typedef struct sbl_picture_desc {
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
                                   seen. At twice this height or more, shading normals are used; in between, a mixture.
-                                  Default: 2. Negative: shading normals on all triangles */
+                                  Surfaces with a normal texture, or with a lobe of a roughness below 0.6, always use
+                                  shading normals. Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
                                   see ON REFLECTIONS). Default: 1 / 4 / 16 */
@@ -1758,7 +1764,8 @@ typedef struct sbl_sensor_ray {
                           +--------+--------+
 
    A traced sensor has rays. Its sheet is one row with a texel per ray; the weights of the texels differ where rays are
-   guided. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels find the emitters. */
+   guided or go to mirrored lamps. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels
+   find the emitters. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there. In a texel
@@ -1770,7 +1777,8 @@ typedef struct sbl_sensor {
     int looks;                /* number of looks. The fields below, except sensed and level, are of the first look */
     float from_surroundings[3];  /* part of the first look's R: the sum of weight * radiance over the sheet */
     float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
-    float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
+    float weight_sum;         /* sum of the weights of the sheet: 1, except for a single view, and about 1 if the rays
+                                 are guided or go to mirrored lamps */
     float back_share;         /* share of the whole weight that sees back faces, unlike in sbl_reading */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
@@ -1822,8 +1830,8 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
    between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
    which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
-   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold:
-   use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps changes so much that the scene
+   needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -2076,7 +2084,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
    the predicted error is wrong                               >>weigh, >>fill; the error of stored light: >>uncertainty
    the target error is missed or takes too long               >>weigh, >>rounds, >>guide
-   a slow picture: see sbl_stats.seconds                      the room of the largest number
+   a picture is slow: see sbl_stats.seconds                   the rooms that do the work of the largest time
    one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
    the GL state of the host has changed                       >>gl (guard)
@@ -2804,7 +2812,7 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
    function returns, the guard restores it. sbl__guard_force sets the state that passes rely on, after sbl__guard_save
    and after each call of the host's draw callback. */
 
-/* Capabilities of glEnable that the guard saves and restores. The last but one needs GL 4.0, the last one needs 4.3. */
+/* Capabilities of glEnable that the guard saves and restores. The second to last needs GL 4.0, the last needs 4.3. */
 static const unsigned sbl__guard_switches[] = {
     SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
     SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
@@ -3034,11 +3042,11 @@ typedef struct sbl__record {
 #define SBL__CHILD_NUMBER 0x0fffffffu
 #define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
 #define SBL__LAMP_NEAR_LIGHT 1u
-#define SBL__LAMP_FAR_LIGHT 2u
+#define SBL__LAMP_DISTANT_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_GLOW 4u
-#define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp */
-#define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
+#define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp_leaf */
+#define SBL__DISTANT_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
@@ -3085,7 +3093,8 @@ typedef struct sbl__record {
 #define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
                                           most this */
 #define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
-                                          viewer or, at sites of >>vertices, the face normal */
+                                          viewer or, if there is no viewer, the face normal; also of the cosine between
+                                          the ray that a mirror reflects and the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
 #define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
                                           this */
@@ -3107,9 +3116,10 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
-#define SBL__POLISHED 0.16f            /* samples blur what metal of lower roughness shows where a pane mirrors it */
-#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte:
-                                          the lobe also reflects where the albedo is 0 */
+#define SBL__POLISHED 0.16f            /* metal of lower roughness blurs what it reflects to a pane in front of it:
+                                          anti-aliasing samples take random directions of its lobe */
+#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
+                                          because the lobe of a surface with an albedo of 0 also reflects light */
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
@@ -3118,15 +3128,17 @@ typedef struct sbl__record {
                                           reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
-                                          itself. The height is relative to the scene's extent, to the distance of the
-                                          lamp's image or, if this is distant, to the size of the mirror */
+                                          itself. The height of a lamp is relative to the scene's extent; that of a
+                                          sensor is relative to the distance of the lamp's image or, if the lamp is at
+                                          infinity, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: of the
-                                          triangle's reach if rays are traced and the reach is known, otherwise of the
-                                          scene's extent, because depth buffers are imprecise (see sbl__spec_offset). At
-                                          2.5e-7 and below, float rounding makes sensors on a sphere see the sphere */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: if rays are
+                                          traced, of the triangle's reach (sbl_Surface.reach in surface.glsl), if it is
+                                          known; otherwise of the scene's extent, because depth buffers are imprecise
+                                          (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes sensors on a
+                                          sphere see the sphere */
 
 #define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
 #define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold the number of steps of its
@@ -3134,19 +3146,18 @@ typedef struct sbl__record {
 
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(CAST_LAYERS) \
-    X(GUIDE_BANDS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
-    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(PATCH_AXIS_SHIFT) \
+    X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
+    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
+    X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
+    X(LAMP_NEAR_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
-    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
-    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
-    X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK)
+    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) X(LOBE_ROUGH) X(LOBE_UNIT) \
+    X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) X(POLISHED) X(MIRROR_DIFFUSE) \
+    X(STEPS_UNIT) X(STEPS_MASK)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -3339,17 +3350,18 @@ typedef struct sbl__device {
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* assumed number of invocations that fill the device: fewer take as long */
+    int lot;                 /* assumed number of invocations that occupy the whole device; fewer take as long */
 } sbl__device;
 
-/* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL gives no name, logs an
-   error and returns 0; the caller must then not bind *name, because GL's default objects have the name 0. */
+/* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL creates no object, logs
+   an error and returns 0; the caller must then not bind *name, because GL's default objects have the name 0. */
 static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *), unsigned *name) {
     if (!*name) generate(1, name);
-    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
+    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL created no object while %s", d->gl.doing);
     return *name != 0;
 }
 
+/* Replaces `before` by `after` bytes in the count of GPU memory. */
 static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     base->memory.gpu_bytes = base->memory.gpu_bytes - before + after;
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
@@ -3548,7 +3560,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
 
 /* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats.
    Reads through a framebuffer of its own, because NVIDIA's driver (580.159) copies the whole attachment if the
-   framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
+   framebuffer has several attachments: to read a G-buffer of 2048 x 2048 pixels in 512 pieces then takes 24 s, not
+   0.05 s. */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -4155,8 +4168,9 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
        of a submission: on llvmpipe, work in slices of 5 ms is 10 to 15 % faster with 8 (the width of its vectors) than
        with 64. A lot of two workgroups keeps the pace from settling on submissions that use one thread: with expensive
-       looks (scene staircase2, SBL_PRESET_HIGH), work in slices takes 9 % longer than work in one call, not 75 %. A GPU
-       needs at least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+       looks (scene staircase2, SBL_PRESET_HIGH), work in slices takes 9 % longer than work in one call, instead of 75 %
+       longer. On a GPU, a workgroup should fill at least a wavefront, which is at most 64 wide, and each core needs
+       several workgroups; the numbers for GPUs were not measured. */
     for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
         on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
     d->workgroup = on_cpu ? 8 : 64;
@@ -4350,7 +4364,7 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     sbl__mesh_streams(m, streams);
     for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "index_count is %d; it must be a multiple of 3", m->index_count);
+        sbl__mistake(check, "index_count is %d; it must be a multiple of 3, and not negative", m->index_count);
     else if (indexed) sbl__check_stream(check, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "vertex_count is %d; without indices it must be a multiple of 3", m->vertex_count);
@@ -4372,7 +4386,7 @@ static void sbl__check_light_group(sbl__check *check, const char *field, int gro
 /* Checks the number of a texture: 0 or 1 to count. count: sbl_scene_desc.texture_count */
 static void sbl__check_texture_number(sbl__check *check, const char *field, int number, int count) {
     if (number >= 0 && number <= SBL__MAX(count, 0)) return;
-    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0, for none, to %d", field, number, count);
+    if (count > 0) sbl__mistake(check, "%s is %d; it must be 0 (no texture) or 1 to %d", field, number, count);
     else sbl__mistake(check, "%s is %d; it must be 0, because the scene has no textures", field, number);
 }
 
@@ -4591,8 +4605,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 /* Number of bytes of the fields from reflectance to transmission. The later fields, except layer, describe the normal
-   map, which stored light does not depend on. */
-#define SBL__OBJECT_GLOSS (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
+   map, on which stored light does not depend. */
+#define SBL__OBJECT_SPECULAR_BYTES (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
 
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
@@ -4693,6 +4707,8 @@ typedef struct sbl__mesh_data {
     int vertex_count, corner_count;
 } sbl__mesh_data;
 
+/* Reads the streams of a mesh. Positions, normals, lightmap coordinates and indices go directly into the arrays of g,
+   after the meshes that these hold. */
 static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
     const int indexed = sbl__stream_present(&in->indices);
     const size_t first = (size_t)g->vertex_count;
@@ -4747,7 +4763,8 @@ static uint32_t sbl__pack_color(const float *two) {
     return (uint32_t)(two[0] * SBL__COLOR_MOST + 0.5f) | (uint32_t)(two[1] * SBL__COLOR_MOST + 0.5f) << 16;
 }
 
-/* Appends a mesh, without triangles whose area is 0. Does not set world positions and normals (sbl__mesh_transform). */
+/* Appends a mesh, without triangles whose area is 0. World positions and normals are set later, by
+   sbl__mesh_transform. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
     const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
@@ -4943,8 +4960,8 @@ static void sbl__geometry_move_origin(const sbl__base *base, sbl__geometry *g, c
 /* Moves the origin of all positions if the scene is far from it: to the middle of the scene's bounds or, if the scene
    is near 0 0 0, to 0 0 0. Positions are floats, and offsets of sensors and insets of surface points must exceed the
    rounding errors of these (see SBL__OFFSET and surface.glsl), which are then proportional to the size of the scene
-   instead of its distance. The new origin does not depend on the old one, so that meshes that return make the same
-   scene again. The geometry must be measured. Returns 1 if the origin has moved. */
+   instead of its distance. The new origin does not depend on the old one, so that a mesh that moves away and back gives
+   the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     static const float zero[3] = { 0, 0, 0 };
     float middle[3];
@@ -4994,6 +5011,7 @@ static const sbl__input sbl__attribute_inputs[] = {
     { 3, 2, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__attributes), offsetof(sbl__attributes, color_rg) }
 };
 
+/* Sends the arrays to the GPU, and makes the tables and the vertex array from them. */
 static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     const void *const contents[] = { g->vertices, g->attributes, g->indices, g->objects };
     const size_t bytes[] = { sizeof *g->vertices * (size_t)g->vertex_count,
@@ -5242,12 +5260,14 @@ static void sbl__ring_spread(sbl__rings *r, int thing) {
     }
 }
 
+/* Queues the neighbours of a thing of ring 0. */
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
     if (r->ring[thing] == 0) sbl__ring_spread(r, thing);
     return SBL_SUCCESS;
 }
 
+/* Computes the value of a queued thing, and queues its neighbours. */
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
     const int thing = r->queue[at];
@@ -5408,7 +5428,8 @@ static int sbl__solver_after_advance(void *work) {
     return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does a piece. Returns SBL_SUCCESS when solved or after SBL__SOLVER_ROUNDS; the next call starts a new solution. */
+/* Does a piece of the work. Returns SBL_SUCCESS if all systems are solved, or after SBL__SOLVER_ROUNDS iterations. The
+   next call then starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = { SBL__SOLVER_STAGES(SBL__STAGE_ROW) };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
@@ -5489,6 +5510,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
     return SBL_SUCCESS;
 }
 
+/* Reads a texture from client memory or from GL, and writes its texels into its table. */
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                      const sbl_texture *t, int number) {
     const int size[2] = { (int)s->entries[number][1], (int)s->entries[number][2] };
@@ -5603,13 +5625,14 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if the material is a mirror that pixels show, but is too rough to be a perfect one. Textures count as 1. */
+/* Returns 1 if pixels show what the material mirrors, but it is too rough to be a perfect mirror. Textures count as
+   1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Returns 1 if the material is metal that panes show, but is too rough for a perfect mirror. */
+/* Returns 1 if the material is metal that blurs what it reflects to panes, see SBL__POLISHED. Textures count as 1. */
 static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
@@ -5654,12 +5677,13 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture) ||
-           memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_GLOSS);
+           memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_SPECULAR_BYTES);
 }
 
 /* Returns the sum of the three channels of the emitted radiance, before the texture is applied. */
 static double sbl__emission_sum(const sbl__object *o) { return sbl__sum3(o->emission); }
 
+/* Returns 1 if a side of an object emits light. back: 1: the back; 0: the front */
 static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
@@ -5673,8 +5697,9 @@ static int sbl__albedo_is_limited(const sbl__object *o) {
 
 #define SBL__ALBEDO_ONE 65535.0f    /* stands for 1 in an albedo packed into 16 bits */
 
-/* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R, with any signs. If
-   the surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
+/* Computes the radiance that a glow reflects, without albedo texture and vertex colours. light: R of a leaf; the signs
+   are ignored, because the sign of red is a flag (see sbl__leaf_is_bright). If the surface is not matte, the result is
+   approximate, and sbl_glow_pattern in material.glsl corrects it. */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -5797,7 +5822,7 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Returns the GGX distribution of normals at the half vector h of w and the view.\n",
-"float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {\n",
+"float sbl_lobe_ndf(sbl_Lobe l, vec3 w, out vec3 h) {\n",
 "    float a2 = l.alpha * l.alpha;\n",
 "    h = (w + l.view) / max(length(w + l.view), 1e-30);\n",
 "    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;  // 1 + (a2 - 1) h.z^2 without cancellation near h.z = 1\n",
@@ -5809,17 +5834,17 @@ static const char *const sbl__glsl_lobe[] = {
 "vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 w = direction * l.frame, h;\n",
 "    if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);\n",
-"    float spread = sbl_lobe_spread(l, w, h);\n",
+"    float ndf = sbl_lobe_ndf(l, w, h);\n",
 "    float shadowing = 1.0 / (1.0 + sbl_lambda(l.alpha, l.view) + sbl_lambda(l.alpha, w));\n",
-"    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));\n",
+"    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * ndf * shadowing / (4.0 * l.view.z * w.z));\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a direction from sbl_lobe_sample.\n",
 "float sbl_lobe_density(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 h;\n",
 "    if (l.alpha <= 0.0) return SBL_UNBOUNDED;\n",
-"    float spread = sbl_lobe_spread(l, direction * l.frame, h);\n",
-"    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
+"    float ndf = sbl_lobe_ndf(l, direction * l.frame, h);\n",
+"    return ndf / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
@@ -6008,8 +6033,9 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1\n",
-"// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.\n",
+"// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of the paper's\n",
+"// equations 1 and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other\n",
+"// surfaces.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -6025,8 +6051,8 @@ static const char *const sbl__glsl_material[] = {
 "// Returns the radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). Rays\n",
-"// that hit gloss find the light of its lobe.\n",
+"// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For\n",
+"// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
@@ -6711,7 +6737,8 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh_building *)work)->hierarchy->node_count - 1; }
 
-/* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. Goes backwards: parents come first. */
+/* Adds a node's sum to its parent's, and raises h->cost to at least sum / area. The last node is the first to be
+   visited, because parents precede their children. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -6967,15 +6994,16 @@ static const char *const sbl__glsl_traverse[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes\n",
-"// reflect it. It is the probability that the ray was sent to a lamp in a mirror\n",
+"// Probability that the ray was sent to a lamp in a mirror. The mirror should then reflect the ray: gloss does so\n",
+"// with at least this probability (see sbl_face_ray), and panes with at least half of it (see sbl_passes).\n",
 "float chance_least = 0.0;\n",
 "#endif\n",
 "\n",
 "#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
-"// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted\n",
-"// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray\n",
-"// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.\n",
+"// Returns true if the ray passes through the surface that it hits. For SBL_RAY_SHADOW, multiplies sbl_tint by the\n",
+"// transmitted fraction. For SBL_RAY_PATH, decides by Russian roulette, and multiplies sbl_tint by 1 / (probability\n",
+"// of the result), and by the transmitted fraction if the ray passes. A ray that may have been sent to a lamp in a\n",
+"// mirror (see chance_least) passes less often.\n",
 "bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
@@ -7030,7 +7058,7 @@ static const char *const sbl__glsl_traverse[] = {
    power            the sum of their powers
    square, mixed    the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write
    front            sum of power * normal / 2 of one-sided and of distant lamps
-   beyond           index of the node after the subtree; SBL__FAR_NODE is added in the tree of distant lamps
+   beyond           index of the node after the subtree; SBL__DISTANT_NODE is added in the tree of distant lamps
    first_leaf       index of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
@@ -7083,7 +7111,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
 #define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
-#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if its first part has at most this * its radius */
+#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first part is at most this * the
+                                         radius of the cluster */
 #define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
@@ -7092,8 +7121,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
                                          fraction of its value at the outer cone */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: over 61 (curve bits) + log2(lamps at a
-                                         point) */
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
+                                         curve, plus log2(number of lamps at one point) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
@@ -7104,7 +7133,10 @@ typedef struct sbl__lamp {
     int one_sided, distant;
 } sbl__lamp;
 
-typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
+/* Sums over the lamps of a cluster, and their bounds. shown: sum of `shown` in sbl__cluster_of_lamp. square: the
+   elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T; for a lamp that emits in all directions, the
+   identity matrix replaces normal * normal^T */
+typedef struct sbl__cluster { double power, shown, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
    lobe. */
@@ -7267,7 +7299,7 @@ static void sbl__light_write(const sbl_light *light, const float centre[3], sbl_
 static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *lamp) {
     const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
-    const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
+    const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
@@ -7365,9 +7397,9 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
     return !lamp->one_sided || (other->one_sided && a[0] * b[0] + a[1] * b[1] + a[2] * b[2] > 0);
 }
 
-/* Sets the power of a lamp to 0 if its triangle has the same corners as that of another lamp. Rays hit only the
-   triangle with the lower index, and sensors must not add the light of both. Solid triangles with both windings often
-   stand for a surface with two sides. */
+/* Sets the power of a lamp to 0 if the triangle of another lamp has the same corners and emits at least from the same
+   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Solid triangles
+   with both windings often stand for a surface with two sides. */
 static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
@@ -7419,6 +7451,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
+/* Returns the position of a lamp along the Morton curve: for a distant lamp, the position of its direction. */
 static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
@@ -7497,6 +7530,7 @@ static sbl_result sbl__lamp_trees_split(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Makes the cluster of a single lamp. */
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     /* axes of the products xx yy zz xy yz zx in sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
@@ -7506,7 +7540,7 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     const double shown = front ? 0.5 * lamp->power : lamp->power;
     int k;
     c->power = lamp->power;
-    c->all_sides = shown;
+    c->shown = shown;
     for (k = 0; k < 6; k++)
         c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
     for (k = 0; k < 3; k++) c->front[k] = front ? shown * lamp->normal[k] : 0;
@@ -7516,14 +7550,15 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
 static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     int k;
     c->power += other->power;
-    c->all_sides += other->all_sides;
+    c->shown += other->shown;
     for (k = 0; k < 6; k++) c->square[k] += other->square[k];
     for (k = 0; k < 3; k++) c->front[k] += other->front[k];
     sbl__box_add(&c->bounds, &other->bounds);
 }
 
+/* Writes a cluster into a node of the lamp trees. */
 static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
-    const double all_sides = SBL__MIN(c->all_sides, SBL__MOMENT_MOST);
+    const double shown = SBL__MIN(c->shown, SBL__MOMENT_MOST);
     double radius = 0;
     int k;
     for (k = 0; k < 3; k++) {
@@ -7531,15 +7566,16 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* In a direction w, the sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides
-           * the sum of shown * n * n^T (Cauchy-Schwarz inequality). `shown`: see sbl__cluster_of_lamp */
-        node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
-        node->mixed[k] = (float)(all_sides * mixed);
+        /* In a direction w, the sum of shown_i * |n_i . w| over the lamps i, with normals n_i, is at most
+           sqrt(w^T * matrix * w), where the matrix is the sum of all shown_i * the sum of all shown_i * n_i * n_i^T
+           (Cauchy-Schwarz inequality). shown_i: `shown` in sbl__cluster_of_lamp */
+        node->square[k] = (float)(shown * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
+        node->mixed[k] = (float)(shown * mixed);
         node->front[k] = (float)c->front[k];
     }
     node->radius = (float)(1.000001 * sqrt(radius));
     node->power = (float)c->power;
-    if (distant) node->beyond |= SBL__FAR_NODE;
+    if (distant) node->beyond |= SBL__DISTANT_NODE;
 }
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
@@ -7560,6 +7596,7 @@ static sbl_result sbl__lamp_trees_sum(void *work, int at) {
 
 /* >>lamps: stages */
 
+/* Computes the positions of all lamps along the Morton curve, and allocates the arrays of the next stages. */
 static sbl_result sbl__lamp_trees_place(void *work, sbl__slice *slice) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__base *base = l->device->base;
@@ -7626,6 +7663,7 @@ static int sbl__plane_of_triangle(const sbl__geometry *g, uint32_t number, sbl__
     return plane->weight > 0;
 }
 
+/* Returns 1 if two planes have the same lobe, and about the same normal and offset. */
 static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl__geometry *g) {
     double cosine = 0;
     int k;
@@ -7637,10 +7675,10 @@ static int sbl__planes_agree(const sbl__plane *a, const sbl__plane *b, const sbl
            fabs((double)(a->alpha - b->alpha)) < 1e-6;
 }
 
-/* Adds a triangle to the plane with which it agrees. If there is none, it becomes a new plane; without room, this
-   replaces the plane of the smallest weight. The new plane inherits that weight, so that a surface of many small
-   triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation of Frequent
-   and Top-k Elements in Data Streams"). */
+/* Adds a triangle to the plane with which it agrees. If there is no such plane, the triangle becomes a new one, which
+   replaces the plane of the smallest weight if the array is full. The new plane inherits that weight, so that a surface
+   of many small triangles is not replaced again and again (Metwally, Agrawal and El Abbadi 2005, "Efficient Computation
+   of Frequent and Top-k Elements in Data Streams"). */
 static sbl_result sbl__planes_add(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__plane plane, *p = l->planes;
@@ -7663,11 +7701,12 @@ static sbl_result sbl__planes_add(void *work, int at) {
 
 /* Returns the index of the first node after the subtree of node `at`. */
 static int sbl__lamp_trees_beyond(const sbl__lamp_trees *l, int at) {
-    return (int)(l->nodes[at].beyond & ~SBL__FAR_NODE);
+    return (int)(l->nodes[at].beyond & ~SBL__DISTANT_NODE);
 }
 
-/* Chooses the nodes of the lamp trees that stand for all lamps in mirrors: divides the roots, the node of the largest
-   power * radius first. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
+/* Chooses the nodes of the lamp trees that stand for all lamps in mirrors. Begins with the roots, and repeatedly
+   replaces a node by its two children: of the nodes whose first child is smaller (see SBL__MIRRORED_SHRINKS), the one
+   with the largest power * radius. nodes: receives up to SBL__MIRRORED_CLUSTERS indices. Returns their number. */
 static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
     int count = 0, i, best = 0;
     for (i = 0; i < l->node_count; i = sbl__lamp_trees_beyond(l, i)) nodes[count++] = i;
@@ -7692,7 +7731,7 @@ static int sbl__mirrored_clusters(const sbl__lamp_trees *l, int *nodes) {
    plane. */
 static double sbl__mirrored_make(const sbl__lamp_trees *l, const sbl__plane *plane, const sbl__lamp_node *n,
                                  sbl__mirrored *out) {
-    const int distant = (n->beyond & SBL__FAR_NODE) != 0;
+    const int distant = (n->beyond & SBL__DISTANT_NODE) != 0;
     const double extent = (double)l->geometry->extent, margin = SBL__PLANE_OFFSET * extent;
     double height = distant ? 0 : -plane->offset, side;
     int k;
@@ -7738,6 +7777,7 @@ static int sbl__lamp_trees_mirror(void *work) {
     return l->stages.stage + 1;
 }
 
+/* Writes the table of lamps, and sends it to the GPU. */
 static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     const sbl__device *d = l->device;
@@ -7884,7 +7924,7 @@ typedef struct sbl__store {
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
-    float brightest;           /* largest channel of R in any leaf; set by sbl__store_send */
+    float brightest;           /* largest component of R in any leaf; set by sbl__store_send */
     float air[6][3];           /* mean R in the air, on surfaces that face +x, -x, +y, -y, +z, -z; it lights geometry
                                   that the host draws */
     sbl__table table;          /* patches, cells, cuts and leaves; one table, because texture units are few */
@@ -8080,6 +8120,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
 static int sbl__patching_vertices(void *work) { return ((sbl__patching *)work)->geometry->vertex_count; }
 static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)->geometry->triangle_count; }
 
+/* Finds the first vertex of the mesh at the position of a vertex. */
 static sbl_result sbl__patch_weld(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     p->welded[at] = sbl__hash_table_first(&p->positions, sbl__position_hash(p->geometry, (uint32_t)at), (uint32_t)at,
@@ -8087,6 +8128,7 @@ static sbl_result sbl__patch_weld(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Joins the patch of a triangle to those of the earlier triangles beside it, unless the angle between them is large. */
 static sbl_result sbl__patch_join(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -8423,10 +8465,11 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lamps.light_count), limit = c->max_texture_buffer_size;
-    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 8 per mesh; or 9 per lamp, and 3
+    const double per_mesh = (double)sizeof(sbl__object) / 16;
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 9 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
+                                   SBL__MAX(per_mesh * g->mesh_count, 9 * lamps + 3.0 * s->lamps.light_count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -8439,7 +8482,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         most = SBL__MAX(most, limit);
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d "
                  "meshes; this driver's textures hold %.0f, %.0f and %.0f", g->vertex_count, g->triangle_count,
-                 g->mesh_count, most / 2, most / 3, most / 8);
+                 g->mesh_count, most / 2, most / 3, most / per_mesh);
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
@@ -8574,8 +8617,8 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
                              s->geometry.extent);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
-                 "materials or lights; call sbl_set_scene");
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "these materials or lights change the number of lamps "
+                 "so much that the scene needs tables of another kind; call sbl_set_scene");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (result == SBL_SUCCESS) {
@@ -9125,6 +9168,7 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     return sbl__store_send(w->device, &s->store, &s->geometry, s->light_groups);
 }
 
+/* Finds the glows, in slices, see sbl__glow_step. */
 static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__glow_side, sbl__glow_sides, NULL },
@@ -9249,6 +9293,7 @@ static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kin
     return m;
 }
 
+/* Returns 1 if a matrix consists of a rotation and a translation, except for rounding. */
 static int sbl__rigid(const float m[16]) {
     int i, k;
     for (i = 0; i < 3; i++)
@@ -9668,7 +9713,7 @@ typedef struct sbl__window {
     int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
 } sbl__window;
 
-#define SBL__WINDOW_SAMPLES 2   /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+#define SBL__WINDOW_REACH 2     /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
 
 /* Computes the window of a checked descriptor. A descriptor without a window means the whole picture. */
@@ -9677,7 +9722,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     int k;
     w.whole[0] = d->width;
     w.whole[1] = d->height;
-    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_REACH;
     w.has_ring = d->price > 0;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
@@ -9864,6 +9909,7 @@ static sbl_result sbl__atlas_weld(void *work, int vertex) {
     return SBL_SUCCESS;
 }
 
+/* Joins the corners of a baked triangle to one chart. */
 static sbl_result sbl__atlas_join(void *work, int triangle) {
     sbl__atlas *a = (sbl__atlas *)work;
     const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
@@ -9909,6 +9955,7 @@ static void sbl__extend(double *from, double *to, double x) {
     *to = SBL__MAX(*to, x);
 }
 
+/* Computes the place of a triangle of the scene in the map. */
 static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     double low = DBL_MAX, high = -DBL_MAX;
@@ -10138,6 +10185,7 @@ typedef struct sbl__atlas_square {
     double low[2], high[2];  /* the texel's square, clipped to the triangles' bounds; positions in texels */
 } sbl__atlas_square;
 
+/* Collects the triangles of a texel's square. texel: index in the working grid */
 static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
     const int at[2] = { a->window.first[0] + texel % a->width, a->window.first[1] + texel / a->width };
     const uint32_t chart = a->texels[SBL__ATLAS_WORDS * (size_t)texel + 3];
@@ -10672,9 +10720,9 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels or the texels of a lightmap show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest\n",
-"                               // height, seen face-on, is below it get the geometric normal, above twice it the\n",
-"                               // shading normal, in between a mixture\n",
+"uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: not used. Triangles whose smallest\n",
+"                               // height, seen face-on, is below facet_limit get the geometric normal; above twice\n",
+"                               // facet_limit, the shading normal; in between, a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -10692,10 +10740,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// with SBL_NO_SENSORS, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, ignoring points where R is 0. Surfaces\n",
 "// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
-"// the borders of their cells.\n",
-"// points: 25, or 0 if the result is not needed, which then is 0\n",
+"// the borders of their cells. points: 25, or 0 if the result is not needed; it is then 0\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -10739,7 +10786,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
-"const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces\n",
+"const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
@@ -10757,8 +10804,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "};\n",
 "\n",
 "// Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds\n",
-"// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that\n",
-"// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.\n",
+"// corners to parts of a pixel, so that the pixel may show a triangle beside its centre. At a silhouette, this may\n",
+"// be a triangle that is seen edge-on, or a back face, which is dark inside a closed mesh.\n",
 "bool sbl_misses(int triangle, vec3 origin, vec3 direction) {\n",
 "    vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);\n",
 "    return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);\n",
@@ -10770,7 +10817,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    if (!hits) m.number = -1;\n",
 "    for (int once = 0; once < (hits ? 1 : 0); once++) {\n",
 "        sbl_Surface found = sbl_surface_at(sbl_facet(hit.number), hit.b1, hit.b2, direction);\n",
-"        // A surface that the camera does not see hides nothing: s then stays as it is.\n",
+"        // A surface that is hidden from the camera must not replace s.\n",
 "        if ((sbl_object_flags(found.object) & SBL_HIDDEN_FROM_CAMERA) != 0u) break;\n",
 "        sbl_apply_facet_limit(found, origin, direction, sbl_is_bumpy(found.object));\n",
 "        m.number = hit.number;\n",
@@ -10838,11 +10885,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);\n",
 "}\n",
 "\n",
-"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a\n",
-"// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:\n",
-"// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that\n",
-"// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see\n",
-"// sbl_mirrored\n",
+"// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: it passes\n",
+"// through a pane, and is reflected by any other surface. Its weight is 0 if the surface is neither a mirror nor a\n",
+"// pane. aside: the other ray, which is reflected by a pane, and passes through any other surface that transmits\n",
+"// light. Further surfaces let the ray `aside` pass or, if they are metal, reflect it; at all others it ends, with\n",
+"// the stored light there. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
@@ -10859,8 +10906,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,\n",
-"// through a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal\n",
-"// shows.\n",
+"// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of\n",
+"// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.\n",
 "// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",
@@ -10950,7 +10997,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (hits > 0) {\n",
 "            m.emission += m.throughput * ray.weight * found.emission;\n",
 "            aside = further;\n",
-"            continue;  // it is the turn of `further`\n",
+"            continue;  // the next iteration traces `further`\n",
 "        }\n",
 "        if (is_aside && !is_sky) light = found.emission;\n",
 "        m.emission += m.throughput * ray.weight * light;\n",
@@ -11136,7 +11183,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     const sbl__target *target = &request->gbuffer->target;
     const unsigned bounced = request->bounced ? SBL__BOUNCED : 0, lightmap = request->atlas ? SBL__LIGHTMAP : 0;
     const unsigned matte = ~(unsigned)(request->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
-    const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);  /* only lobes need rays */
+    /* Without lobes, the program traces no rays, and thus needs no code for holes in the surfaces that rays meet. */
+    const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
@@ -11387,6 +11435,7 @@ static void sbl__specular_albedo(const float reflectance[3], double roughness, d
     for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
 }
 
+/* Makes the lobe of a site, as shaders read it. */
 static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
     const double cosine = SBL__MIN(SBL__MAX((double)sbl__dot(site->view, site->normal), 1e-3), 1);
     const double sine = sqrt(1 - cosine * cosine);
@@ -11420,6 +11469,7 @@ typedef struct sbl__layout {
 /* The vertex attributes of a view, as explained in sensor_vertex.glsl */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
+/* Arranges the views of a look in its sheet, as the picture at sbl_sensor shows. */
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
     const int half = (size + 1) / 2;
     int i;
@@ -11562,10 +11612,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
-   In scenes with reflections, much of the noise is light of lamps that surfaces reflect from close by, and that pixels
-   beside each other see in different directions. Scouts then count for other guides in the directions in which these
-   see the scouts' hits, or in flat mirrors the images of lamps, and guides stand closer together (Ruppert, Herholz and
-   Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
+   In scenes with reflections, much of the noise is light of lamps that surfaces close by reflect, and adjacent pixels
+   see this light in different directions. Guides then stand closer together. A scout counts for the guide of another
+   pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image of the
+   lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
 
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
@@ -11580,8 +11630,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
 /* Distance between the pixels that have guides, in pixels. It is divided by 2 or 4 if this gives fewer than
-   SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST.
-   Windows use the grid of the whole picture, so that all windows together trace as many scouts as the whole. */
+   SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. In
+   scenes with reflections it may then be halved, see sbl__guides_choose. Windows use the grid of the whole picture, so
+   that all windows together trace as many scouts as the whole. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
@@ -11589,7 +11640,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
-/* A guide for which the scouts of some pixel count */
+/* A guide for which the scouts of the pixel sbl__guides.scout count */
 typedef struct sbl__receiver {
     const struct sbl__pixel *pixel;  /* the guide's pixel */
     double right[3], up[3];     /* sbl__frame of the pixel's normal */
@@ -11695,32 +11746,6 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(bands, SBL__GUIDE_BANDS, even, words);
 }
 
-/* Returns the start of interval i of `count`, 0 to SBL__GUIDE_STEPS; for i = count, the end of the last interval. */
-static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
-    return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
-}
-
-/* Does the same as sbl_guide in guide.glsl: maps a uniform point u in the unit square to a point distributed by the
-   guide, and returns the weight of its ray. words: first word of the guide */
-static double sbl__guide_warp(const uint32_t *words, double u[2]) {
-    static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
-    double weight = 1;
-    int axis;
-    for (axis = 0; axis < 2; axis++) {
-        const double x = u[axis] * SBL__GUIDE_STEPS;
-        const int count = counts[axis];
-        double begin, width;
-        int i = 0;
-        while (i + 1 < count && sbl__guide_interval_begin(words, i + 1, count) <= x) i++;
-        begin = sbl__guide_interval_begin(words, i, count);
-        width = sbl__guide_interval_begin(words, i + 1, count) - begin;
-        u[axis] = (i + (x - begin) / width) / count;
-        weight *= SBL__GUIDE_STEPS / (width * count);
-        words += (SBL__GUIDE_BANDS + i * SBL__GUIDE_SECTORS) / 2;
-    }
-    return weight;
-}
-
 /* Returns the first word of a guide. */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
@@ -11805,7 +11830,8 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends structs to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the table */
+/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the
+   table, in structs */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
                                   int room) {
     const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
@@ -12031,6 +12057,7 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
+/* Makes a sequence as sbl__sequence_make does, and sends it to the GPU. */
 static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
     uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
@@ -12088,7 +12115,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// random choice of a lamp from a cluster, and a random point on a lamp.\n",
 "uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps\n",
 "uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow\n",
-"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED\n",
+"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // programs with SBL_BOUNCED have no variants for SBL_MIXED\n",
 "const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
@@ -12118,7 +12145,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share\n",
 "};\n",
 "\n",
-"bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
+"bool sbl_is_light(sbl_Lamp l) {\n",
+"    return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);\n",
+"}\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
 "vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
@@ -12298,17 +12327,17 @@ static const char *const sbl__glsl_lamp[] = {
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `distant`, a direction\n",
 "    float radius;\n",
-"    bool far;      // true: the lamps are at infinity\n",
+"    bool distant;  // true: the lamps are at infinity\n",
 "    int beyond;    // index of the first node after the cluster's subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
 "    uint beyond = sbl_lamp_node_beyond(node);\n",
-"    bool far = (beyond & SBL_FAR_NODE) != 0u;\n",
-"    return sbl_Cluster(sbl_lamp_node_middle(node) - (far ? vec3(0) : position), sbl_lamp_node_radius(node), far,\n",
-"                       int(beyond & ~SBL_FAR_NODE));\n",
+"    bool distant = (beyond & SBL_DISTANT_NODE) != 0u;\n",
+"    vec3 to = sbl_lamp_node_middle(node) - (distant ? vec3(0) : position);\n",
+"    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));\n",
 "}\n",
 "\n",
 "// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its\n",
@@ -12317,14 +12346,15 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.\n",
-"    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
+"    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the\n",
+"    // sensor.\n",
+"    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
 "    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
 "                 max(distance2, c.radius * c.radius);\n",
-"    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;\n",
+"    return max(shown, 0.0) * (c.distant ? 1.0 : near) / unit;\n",
 "}\n",
 "\n",
 "// >>points of lamps\n",
@@ -12348,9 +12378,9 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
-"    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R / unit of the whole lamp, estimated from this point alone\n",
-"    vec2 b;       // triangle: barycentric weights of the second and third corner\n",
+"    float distance;  // distance to the point, or SBL_UNBOUNDED\n",
+"    vec3 light;      // R / unit of the whole lamp, estimated from this point alone\n",
+"    vec2 b;          // triangle: barycentric weights of the second and third corner\n",
 "};\n",
 "\n",
 "// Returns the barycentric weights of a triangle's second and third corner at a point. from_corner: the point,\n",
@@ -12377,9 +12407,9 @@ static const char *const sbl__glsl_lamp[] = {
 "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
 "            s.b = sbl_barycentrics(l, normal, to - l.corner);\n",
 "        }\n",
-"        s.far = length(to);\n",
-"        s.direction = to / s.far;\n",
-"        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
+"        s.distance = length(to);\n",
+"        s.direction = to / s.distance;\n",
+"        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.distance * s.distance);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
@@ -12394,8 +12424,8 @@ static const char *const sbl__glsl_lamp[] = {
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
-"            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
-"            s.far = max(s.far, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
+"            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+"            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
 "        }\n",
 "    }\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
@@ -12408,7 +12438,7 @@ static const char *const sbl__glsl_lamp[] = {
 "float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
 "    float lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
-"        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
+"        lamp_density = sbl_area_density(l.side_1, l.side_2, s.distance * s.direction);\n",
 "    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);\n",
 "}\n",
 "#endif\n",
@@ -12422,7 +12452,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in\n",
 "// proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x\n",
-"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps\n",
+"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and distant lamps\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
 "    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);\n",
@@ -12546,7 +12576,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];\n",
 "    vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];\n",
 "    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
-"    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
+"    vec3 normal = cross(l.side_1, l.side_2), point = s.distance * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {\n",
@@ -12564,7 +12594,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        ivec2 sheet_texel = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
 "        float shown = texelFetch(view_texture, sheet_texel, 0).a, seen = abs(shown) * extent;\n",
 "        if (seen == 0.0) return false;\n",
-"        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
+"        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.distance * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
 "        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at\n",
 "                                                                 // this texel\n",
@@ -12778,10 +12808,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
-"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);\n",
-"    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
-"                            SBL_RAY_SHADOW);\n",
+"    if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);\n",
+"    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / away,\n",
+"                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
@@ -13018,8 +13048,8 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (corner) {\n",
 "                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
 "                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
-"                s.far = length(way);\n",
-"                s.direction = way / s.far;\n",
+"                s.distance = length(way);\n",
+"                s.direction = way / s.distance;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
 "            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
@@ -13855,8 +13885,8 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
-"    bool bounded = s.far < SBL_UNBOUNDED;\n",
-"    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;\n",
+"    bool bounded = s.distance < SBL_UNBOUNDED;\n",
+"    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;\n",
 "    r.to_lamp = normalize(to);\n",
 "    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;\n",
 "    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is\n",
@@ -13873,8 +13903,10 @@ static const char *const sbl__glsl_reflect[] = {
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
 "// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a\n",
-"// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance\n",
+"// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation\n",
+"// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and\n",
+"// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
@@ -14020,6 +14052,8 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
 "    vec4 even = vec4(0);\n",
+"    vec3 way = vec3(0);   // direction of the ray\n",
+"    float weight = 0.0;   // weight of the ray\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "    for (int k = 0, i = part << paired; i < end;\n",
@@ -14027,7 +14061,7 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = sbl_unit_square(fraction);\n",
-"        float weight = every;\n",
+"        weight = every;\n",
 "#ifdef SBL_SPECULAR\n",
 "        ray_density = 0.0;\n",
 "#endif\n",
@@ -14064,7 +14098,7 @@ static const char *const sbl__glsl_trace[] = {
 "        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
 "        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"        vec3 way = direction;\n",
+"        way = direction;\n",
 "        float limit = ray_length;\n",
 "        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
 "        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
@@ -14139,9 +14173,12 @@ static const char *const sbl__glsl_trace[] = {
 "        other = light;\n",
 "    }\n",
 "    if (counts_steps) hits.y = float(sbl_steps);\n",
+"    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
+"    if (paired == 0) sum.a = weight;\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    if (sbl_cut_short()) hits.z = SBL_LOST;\n",
-"    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
+"    hits = vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays));\n",
+"    sbl_write(out_hits, paired == 0 ? inspected : hits);\n",
 "    harmonics /= float(rays);\n",
 "    sbl_write_harmonics(harmonics);\n",
 "#ifdef SBL_GROUPS\n",
@@ -14287,8 +14324,8 @@ static const sbl__recipe sbl__recipe_trace = {
 };
 
 /* Traces the rays of a batch. Its looks must be in b->table. stuck: 1: each look traces only one ray, along its normal.
-   paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces single rays, so that with one
-   invocation per ray each output texel belongs to one ray */
+   paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces a single ray and reports it, for
+   inspections, see trace.glsl */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
@@ -17650,7 +17687,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
-        *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
+        *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_SPECULAR_BYTES);
     }
     parts[SBL__SAVED_LIGHTS] = seed;
     for (i = 0; i < s->lamps.light_count; i++) {
@@ -19216,7 +19253,7 @@ static int sbl__scouts_serve(const sbl__refine *r, int index) {
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
-/* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
+/* Lists the sites of the scouts of the next guides, guides.scouts at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -24288,34 +24325,28 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. */
+/* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. The
+   outputs are those of trace.glsl for inspections. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
-    const sbl__task *task = &k->found->job.task;
-    const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
-    uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
-    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->site.guide) : NULL;
+    const int rays = k->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
     float *data = NULL;
-    sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
+    sbl_result result = sbl__inspect_run(k, 0, size, &data);
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
-        const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
+        const float *sum = data + 4 * (size_t)i, *way = sum + 4 * (size_t)(size[0] * size[1]);
+        const float weight = sum[3];
         sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
-        float weight = 1 / (float)rays;
-        double u[2];
         ray->lamp = -1;
-        sbl__sequence_at(sequence, i, sbl__sensor_seed(k->site.number, task->spec.seed), u);
-        if (guide) weight *= (float)sbl__guide_warp(guide, u);
-        sbl__cosine_direction(k->look.normal, u, ray->direction);
-        if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
-        for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
+        ray->distance = way[3];
+        memcpy(ray->direction, way, sizeof ray->direction);
+        for (n = 0; n < 3; n++) ray->radiance[n] = weight > 0 ? sum[n] / weight : 0;
         if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
         if (k->weights) k->weights[i] = weight;
         k->out.weight_sum += weight;
     }
     sbl__free(base, data);
-    sbl__free(base, sequence);
     return result;
 }
 

@@ -1,8 +1,8 @@
 // Computes the surface points that the camera's pixels or the texels of a lightmap show.
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // in pixels, or lightmaps: in world units; 0: not used. Triangles whose smallest
-                               // height, seen face-on, is below it get the geometric normal, above twice it the
-                               // shading normal, in between a mixture
+uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: not used. Triangles whose smallest
+                               // height, seen face-on, is below facet_limit get the geometric normal; above twice
+                               // facet_limit, the shading normal; in between, a mixture
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
@@ -20,10 +20,9 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 // with SBL_NO_SENSORS, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Returns the mean of the stored R over 5 x 5 points in about one cell, without points where R is 0. Surfaces
+// Returns the mean of the stored R over 5 x 5 points in about one cell, ignoring points where R is 0. Surfaces
 // without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides
-// the borders of their cells.
-// points: 25, or 0 if the result is not needed, which then is 0
+// the borders of their cells. points: 25, or 0 if the result is not needed; it is then 0
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -67,7 +66,7 @@ uniform vec2 sample_point;              // random point of the sample in the uni
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
-const int SBL_ASIDE_HITS = 8;           // the ray `aside` goes on at, or through, at most this many surfaces
+const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
@@ -85,8 +84,8 @@ struct sbl_Mirrored {
 };
 
 // Returns true if the camera ray misses the triangle that the rasteriser found in the pixel. The rasteriser rounds
-// corners to parts of a pixel, so that the pixel may show a triangle beside its centre: at a silhouette, one that
-// is seen edge-on, or the back of one, where the inside of a closed mesh is dark.
+// corners to parts of a pixel, so that the pixel may show a triangle beside its centre. At a silhouette, this may
+// be a triangle that is seen edge-on, or a back face, which is dark inside a closed mesh.
 bool sbl_misses(int triangle, vec3 origin, vec3 direction) {
     vec3 b = sbl_on_plane(sbl_facet(triangle), origin, direction);
     return b.z == 0.0 || !(min(min(b.x, b.y), 1.0 - b.x - b.y) >= 0.0);
@@ -98,7 +97,7 @@ void sbl_correct(inout sbl_Surface s, inout sbl_Mirrored m, sbl_Hit hit, vec3 or
     if (!hits) m.number = -1;
     for (int once = 0; once < (hits ? 1 : 0); once++) {
         sbl_Surface found = sbl_surface_at(sbl_facet(hit.number), hit.b1, hit.b2, direction);
-        // A surface that the camera does not see hides nothing: s then stays as it is.
+        // A surface that is hidden from the camera must not replace s.
         if ((sbl_object_flags(found.object) & SBL_HIDDEN_FROM_CAMERA) != 0u) break;
         sbl_apply_facet_limit(found, origin, direction, sbl_is_bumpy(found.object));
         m.number = hit.number;
@@ -166,11 +165,11 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
     return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);
 }
 
-// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: through a
-// pane, otherwise reflected. Its weight is 0 if the surface is neither a mirror nor a pane. aside: the other ray:
-// reflected by a pane, otherwise through a surface that transmits little light. It passes through surfaces that
-// let light pass, and ends at the first other surface that is not metal, with the stored light there. point: see
-// sbl_mirrored
+// Makes the two rays that leave the surface s. Returns the main ray, with which sbl_follow continues: it passes
+// through a pane, and is reflected by any other surface. Its weight is 0 if the surface is neither a mirror nor a
+// pane. aside: the other ray, which is reflected by a pane, and passes through any other surface that transmits
+// light. Further surfaces let the ray `aside` pass or, if they are metal, reflect it; at all others it ends, with
+// the stored light there. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
@@ -187,8 +186,8 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
 }
 
 // Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,
-// through a surface that lets some light pass. Its weight is 0 if the ray ends. Samples blur what polished metal
-// shows.
+// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of
+// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.
 // hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
@@ -278,7 +277,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         if (hits > 0) {
             m.emission += m.throughput * ray.weight * found.emission;
             aside = further;
-            continue;  // it is the turn of `further`
+            continue;  // the next iteration traces `further`
         }
         if (is_aside && !is_sky) light = found.emission;
         m.emission += m.throughput * ray.weight * light;

@@ -2,7 +2,7 @@
 // random choice of a lamp from a cluster, and a random point on a lamp.
 uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps
 uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow
-#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED
+#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // programs with SBL_BOUNCED have no variants for SBL_MIXED
 const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
@@ -32,7 +32,9 @@ struct sbl_Lamp {
     int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share
 };
 
-bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
+bool sbl_is_light(sbl_Lamp l) {
+    return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);
+}
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
 vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal
@@ -212,17 +214,17 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
 // >>clusters
 
 struct sbl_Cluster {
-    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction
+    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `distant`, a direction
     float radius;
-    bool far;      // true: the lamps are at infinity
+    bool distant;  // true: the lamps are at infinity
     int beyond;    // index of the first node after the cluster's subtree
 };
 
 sbl_Cluster sbl_cluster(int node) {
     uint beyond = sbl_lamp_node_beyond(node);
-    bool far = (beyond & SBL_FAR_NODE) != 0u;
-    return sbl_Cluster(sbl_lamp_node_middle(node) - (far ? vec3(0) : position), sbl_lamp_node_radius(node), far,
-                       int(beyond & ~SBL_FAR_NODE));
+    bool distant = (beyond & SBL_DISTANT_NODE) != 0u;
+    vec3 to = sbl_lamp_node_middle(node) - (distant ? vec3(0) : position);
+    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));
 }
 
 // Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its
@@ -231,14 +233,15 @@ float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
     float height = dot(n, c.to);
-    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.
-    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);
+    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the
+    // sensor.
+    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
                   0.1 * sbl_lamp_node_power(node) * spread;
     if (height + c.radius <= 0.0) return 0.0;
     float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
                  max(distance2, c.radius * c.radius);
-    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;
+    return max(shown, 0.0) * (c.distant ? 1.0 : near) / unit;
 }
 
 // >>points of lamps
@@ -262,9 +265,9 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 
 struct sbl_Sample {
     vec3 direction;
-    float far;    // distance, or SBL_UNBOUNDED
-    vec3 light;   // R / unit of the whole lamp, estimated from this point alone
-    vec2 b;       // triangle: barycentric weights of the second and third corner
+    float distance;  // distance to the point, or SBL_UNBOUNDED
+    vec3 light;      // R / unit of the whole lamp, estimated from this point alone
+    vec2 b;          // triangle: barycentric weights of the second and third corner
 };
 
 // Returns the barycentric weights of a triangle's second and third corner at a point. from_corner: the point,
@@ -291,9 +294,9 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
             to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
             s.b = sbl_barycentrics(l, normal, to - l.corner);
         }
-        s.far = length(to);
-        s.direction = to / s.far;
-        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);
+        s.distance = length(to);
+        s.direction = to / s.distance;
+        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.distance * s.distance);
     }
     if (sbl_is_texel(l)) {
         vec2 size = vec2(textureSize(sky_picture, 0));
@@ -308,8 +311,8 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_NEAR_LIGHT) {
-            s.far = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
-            s.far = max(s.far, max(SBL_LIGHT_AWAY * above, 1e-18));
+            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
+            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));
         }
     }
     s.light *= max(dot(n, s.direction), 0.0);
@@ -322,7 +325,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
     float lamp_density = SBL_LAMP_DENSITY;
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
-        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
+        lamp_density = sbl_area_density(l.side_1, l.side_2, s.distance * s.direction);
     return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);
 }
 #endif
@@ -336,7 +339,7 @@ struct sbl_Pick {
 
 // Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in
 // proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x
-// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps
+// stays uniform. node: -1: the cluster of all lamps, if the scene has near and distant lamps
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // adds the low bits of the fraction, which a float between 0 and 1 cannot hold
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);

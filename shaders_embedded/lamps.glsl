@@ -82,7 +82,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];
     vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];
     vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
-    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
+    vec3 normal = cross(l.side_1, l.side_2), point = s.distance * s.direction;
     vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
     for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {
@@ -100,7 +100,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         ivec2 sheet_texel = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
         float shown = texelFetch(view_texture, sheet_texel, 0).a, seen = abs(shown) * extent;
         if (seen == 0.0) return false;
-        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
+        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.distance * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
         float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane at
                                                                  // this texel
@@ -314,10 +314,10 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         lobe_squares += weight * weight * l.facing;
 #endif
     }
-    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - ray_origin);
-    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(ray_origin, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
-                            SBL_RAY_SHADOW);
+    if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);
+    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;
+    sbl_Hit hit = sbl_trace(ray_origin, to / away,
+                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);
     vec3 filtered = sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
@@ -554,8 +554,8 @@ void main() {
             if (corner) {
                 vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
                            (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;
-                s.far = length(way);
-                s.direction = way / s.far;
+                s.distance = length(way);
+                s.direction = way / s.distance;
                 s.light = vec3(dot(way, n));
             }
             reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);

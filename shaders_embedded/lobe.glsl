@@ -96,7 +96,7 @@ vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {
 }
 
 // Returns the GGX distribution of normals at the half vector h of w and the view.
-float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
+float sbl_lobe_ndf(sbl_Lobe l, vec3 w, out vec3 h) {
     float a2 = l.alpha * l.alpha;
     h = (w + l.view) / max(length(w + l.view), 1e-30);
     float d = dot(h.xy, h.xy) + a2 * h.z * h.z;  // 1 + (a2 - 1) h.z^2 without cancellation near h.z = 1
@@ -108,17 +108,17 @@ float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
 vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {
     vec3 w = direction * l.frame, h;
     if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);
-    float spread = sbl_lobe_spread(l, w, h);
+    float ndf = sbl_lobe_ndf(l, w, h);
     float shadowing = 1.0 / (1.0 + sbl_lambda(l.alpha, l.view) + sbl_lambda(l.alpha, w));
-    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));
+    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * ndf * shadowing / (4.0 * l.view.z * w.z));
 }
 
 // Returns the pdf, per solid angle, of a direction from sbl_lobe_sample.
 float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
     vec3 h;
     if (l.alpha <= 0.0) return SBL_UNBOUNDED;
-    float spread = sbl_lobe_spread(l, direction * l.frame, h);
-    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
+    float ndf = sbl_lobe_ndf(l, direction * l.frame, h);
+    return ndf / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
 }
 
 // Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges

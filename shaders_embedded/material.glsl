@@ -143,8 +143,9 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 #endif
 }
 
-// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of equations 1
-// and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other surfaces.
+// Returns the radiance that a surface sends towards a sensor, without reflected stored light: Ck of the paper's
+// equations 1 and 2. This is the emission of an emitter times sbl_emission_weight(), or epsilon * albedo for other
+// surfaces.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
@@ -160,8 +161,8 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Returns the radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). Rays
-// that hit gloss find the light of its lobe.
+// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For
+// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.
 vec3 sbl_glow_albedo(sbl_Material m) {
 #ifdef SBL_SPECULAR
     if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;

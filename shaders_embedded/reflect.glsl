@@ -152,8 +152,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
 #endif
-    bool bounded = s.far < SBL_UNBOUNDED;
-    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
+    bool bounded = s.distance < SBL_UNBOUNDED;
+    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;
     r.to_lamp = normalize(to);
     float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
     bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is

@@ -1,7 +1,9 @@
 // Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
 // outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
-// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a
-// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.
+// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance
+// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation
+// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and
+// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
@@ -147,6 +149,8 @@ void main() {
 #endif
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
     vec4 even = vec4(0);
+    vec3 way = vec3(0);   // direction of the ray
+    float weight = 0.0;   // weight of the ray
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
     for (int k = 0, i = part << paired; i < end;
@@ -154,7 +158,7 @@ void main() {
         vec3 before = sum.rgb;
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = sbl_unit_square(fraction);
-        float weight = every;
+        weight = every;
 #ifdef SBL_SPECULAR
         ray_density = 0.0;
 #endif
@@ -191,7 +195,7 @@ void main() {
         ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
         glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
-        vec3 way = direction;
+        way = direction;
         float limit = ray_length;
         // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
         // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
@@ -266,9 +270,12 @@ void main() {
         other = light;
     }
     if (counts_steps) hits.y = float(sbl_steps);
+    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);
+    if (paired == 0) sum.a = weight;
     sbl_write(out_sum, sum / float(rays));
     if (sbl_cut_short()) hits.z = SBL_LOST;
-    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
+    hits = vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays));
+    sbl_write(out_hits, paired == 0 ? inspected : hits);
     harmonics /= float(rays);
     sbl_write_harmonics(harmonics);
 #ifdef SBL_GROUPS

@@ -169,15 +169,16 @@ float sbl_random_of(sbl_Hit hit, uint which) {
 #endif
 
 #ifdef SBL_SPECULAR
-// Lower limit of the chance with which gloss reflects the ray by its lobe (see sbl_face_ray), and with which panes
-// reflect it. It is the probability that the ray was sent to a lamp in a mirror
+// Probability that the ray was sent to a lamp in a mirror. The mirror should then reflect the ray: gloss does so
+// with at least this probability (see sbl_face_ray), and panes with at least half of it (see sbl_passes).
 float chance_least = 0.0;
 #endif
 
 #if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
-// Returns true if the ray passes through the surface that it hits. Multiplies sbl_tint by the transmitted
-// fraction (SBL_RAY_SHADOW) or, as Russian roulette decides, by what compensates for that (SBL_RAY_PATH). A ray
-// that may have been sent to a lamp in a mirror (see chance_least) is reflected more often.
+// Returns true if the ray passes through the surface that it hits. For SBL_RAY_SHADOW, multiplies sbl_tint by the
+// transmitted fraction. For SBL_RAY_PATH, decides by Russian roulette, and multiplies sbl_tint by 1 / (probability
+// of the result), and by the transmitted fraction if the ray passes. A ray that may have been sent to a lamp in a
+// mirror (see chance_least) passes less often.
 bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);

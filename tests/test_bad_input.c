@@ -441,7 +441,8 @@ TEST(materials) {
         BAD_SCENE(f.materials[1].emission[i] = -4, MATERIAL, "material 1", field, "-4");
     }
     BAD_SCENE(f.materials[1].albedo_texture = -1, MATERIAL, "material 1", "albedo_texture", "-1");
-    BAD_SCENE(f.materials[1].albedo_texture = 3, MATERIAL, "material 1", "albedo_texture is 3", "0, for none, to 2");
+    BAD_SCENE(f.materials[1].albedo_texture = 3, MATERIAL, "material 1", "albedo_texture is 3",
+              "0 (no texture) or 1 to 2");
     BAD_SCENE((f.scene.textures = NULL, f.scene.texture_count = 0, f.materials[1].albedo_texture = 1), MATERIAL,
               "material 1", "albedo_texture is 1", "the scene has no textures");
     BAD_SCENE(f.materials[1].albedo_texture = INT_MAX, MATERIAL, "material 1", "albedo_texture", "2147483647");

@@ -485,6 +485,35 @@ TEST(past_buffer_textures) {
     scene_free(&crowd);
 }
 
+/* The table of materials counts, too: it has the most texels in a scene of many small meshes. */
+TEST(meshes_past_buffer_textures) {
+    enum { MOST_TEXELS = 4096, MESHES = 480 };
+    static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 };
+    static sbl_mesh meshes[MESHES];
+    static sbl_material material;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene = { 0 };
+    sbl_context *context;
+    int i;
+    for (i = 0; i < MESHES; i++) {
+        meshes[i].positions.data = corners;
+        meshes[i].vertex_count = 3;
+    }
+    scene.meshes = meshes;
+    scene.mesh_count = MESHES;
+    scene.materials = &material;
+    scene.material_count = 1;
+    desc.get_gl_function = fake_proc;
+    fake.most_texels = MOST_TEXELS;
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS, "%s", watch_last(&seen));
+    fake.texels = 0;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(fake.texels <= MOST_TEXELS + 17, "a buffer texture of %d texels was made", fake.texels);
+    sbl_destroy(context);
+    fake.most_texels = 0;
+    watch_forget(&seen);
+}
+
 /* >>the draw callback; the host draws the meshes from first to last - 1 of the Cornell box as sbl_draw_view requires */
 
 typedef struct host_geometry {
@@ -729,6 +758,7 @@ int main(void) {
     RUN(capabilities);
     RUN(atlas_sizes);
     RUN(past_buffer_textures);
+    RUN(meshes_past_buffer_textures);
     RUN(draw_callback);
     RUN(draw_callback_writing_depth);
     printf("traced:\n");

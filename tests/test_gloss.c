@@ -1627,6 +1627,49 @@ TEST(mirrored_suns_have_no_unit) {
           (double)readings[0][0].radiance[0]);
 }
 
+/* Inspected rays have the right directions, also those to mirrored lamps: each ray is as long as the way to the walls
+   of a box in its direction. */
+TEST(rays_to_mirrored_lamps_are_inspected) {
+    enum { SIDE = 8 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 60, 0, 0, 0.9f, 0, 0, -1);
+    const int wall = scene_material(&s, 0.6f, 0.6f, 0.6f), floor = scene_gloss(&s, 0.9, 0.9, 0.9, 1, 0.1);
+    sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
+    int pixel, i, k, rays = 0, wrong = 0, uneven = 0;
+    l->position[1] = 0.9f;
+    scene_box(&s, wall, -1, -1, -1, 1, 1, 1);
+    scene_floor(&s, floor, -0.999f, 1);
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 64;
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
+    for (pixel = 0; pixel < SIDE * SIDE; pixel += 3) {
+        static float weights[4096];
+        sbl_sensor sensor;
+        if (sbl_inspect_sensor(context, pixel % SIDE, pixel / SIDE, &sensor, NULL, weights, 4096) != SBL_SUCCESS ||
+            !sensor.sensed) continue;
+        for (i = 0; i < sensor.ray_count && sensor.rays[i].lamp < 0; i++) {
+            const sbl_sensor_ray *ray = &sensor.rays[i];
+            double least = 10;
+            if (!(weights[i] > 0)) continue;
+            for (k = 0; k < 3; k++) {
+                const double low = k == 1 ? -0.999 : -1, way = (double)ray->direction[k];
+                least = test_min(least, ((way > 0 ? 1 : low) - (double)sensor.position[k]) / way);
+            }
+            rays++;
+            wrong += fabs(least - fabs((double)ray->distance)) > 1e-3;
+            uneven += fabs((double)weights[i] * 64 - 1) > 0.01;
+        }
+    }
+    printf("    %d of %d rays have a weight of their own, %d the wrong length\n", uneven, rays, wrong);
+    CHECK(rays > 500 && uneven > rays / 4 && !wrong, "%d of %d rays have the wrong length; %d have a weight of their "
+          "own", wrong, rays, uneven);
+    scene_free(&s);
+}
+
 /* Rays that a guide directs and rays to mirrored lamps give the same light together as without a guide. */
 TEST(guided_rays_and_mirrored_lamps) {
     enum { SIDE = 24 };
@@ -2572,6 +2615,7 @@ int main(void) {
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
+    RUN(rays_to_mirrored_lamps_are_inspected);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);

@@ -43,6 +43,32 @@ static sbl_picture_desc view_of(void) {
 
 /* >>densities */
 
+/* Returns the start of interval i of `count`, 0 to SBL__GUIDE_STEPS; for i = count, the end of the last interval. */
+static double interval_begin(const uint32_t *words, int i, int count) {
+    return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
+}
+
+/* Does the same as sbl_guide in guide.glsl: maps a uniform point u in the unit square to a point distributed by the
+   guide, and returns the weight of its ray. words: first word of the guide */
+static double guide_warp(const uint32_t *words, double u[2]) {
+    static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
+    double weight = 1;
+    int axis;
+    for (axis = 0; axis < 2; axis++) {
+        const double x = u[axis] * SBL__GUIDE_STEPS;
+        const int count = counts[axis];
+        double begin, width;
+        int i = 0;
+        while (i + 1 < count && interval_begin(words, i + 1, count) <= x) i++;
+        begin = interval_begin(words, i, count);
+        width = interval_begin(words, i + 1, count) - begin;
+        u[axis] = (i + (x - begin) / width) / count;
+        weight *= SBL__GUIDE_STEPS / (width * count);
+        words += (SBL__GUIDE_BANDS + i * SBL__GUIDE_SECTORS) / 2;
+    }
+    return weight;
+}
+
 /* The weights of the rays of a guide have the mean 1, none exceeds the limit, and rays go where the scouts found
    light. */
 TEST(guides_are_densities) {
@@ -58,7 +84,7 @@ TEST(guides_are_densities) {
         sbl__guide_make(found, words);
         for (i = 0, count = 0; i < 512 * 512; i++, count++) {
             double u[2] = { (i % 512 + 0.5) / 512, (i / 512 + 0.5) / 512 };
-            const double weight = sbl__guide_warp(words, u);
+            const double weight = guide_warp(words, u);
             const int bin = sbl__guide_bin(u[0], u[1]);
             if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
             if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
@@ -91,7 +117,7 @@ TEST(densities_follow_roots) {
     sbl__guide_make(found, words);
     for (i = 0; i < SIDE * SIDE; i++) {
         double u[2] = { (i % SIDE + 0.5) / SIDE, (i / SIDE + 0.5) / SIDE };
-        sbl__guide_warp(words, u);
+        guide_warp(words, u);
         counts[sbl__guide_bin(u[0], u[1])]++;
     }
     for (i = 0; i < 5; i++) {
@@ -304,7 +330,7 @@ TEST(even_light_needs_no_guide) {
             double u[2], weight;
             u[0] = ref_random(&seed);
             u[1] = ref_random(&seed);
-            weight = sbl__guide_warp(words, u);
+            weight = guide_warp(words, u);
             worst = fmax(worst, fabs(weight - 1));
             least = fmin(least, weight);
         }

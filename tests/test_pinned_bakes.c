@@ -405,7 +405,7 @@ enum { CASES = sizeof cases / sizeof *cases };
 static const hash llvmpipe_15[CASES] = {
     0x35a4b11249e219dcu,  /* glossy_picture */
     0x2758aaf293e2390fu,  /* glossy_window */
-    0xb3ed06cf2600a4b6u,  /* glossy_inspection */
+    0x2a30e416d6f0f8a7u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
     0x9df221481dba488fu,  /* glossy_rasterised */
     0x4870c7898dc98476u,  /* matte_picture */
