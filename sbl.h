@@ -3069,8 +3069,9 @@ typedef struct sbl__record {
 #define SBL__HASH_SHIFT 15
 
 #define SBL__UNBOUNDED 1e30f           /* stands for infinity: a ray's maximum length, or its distance without a hit */
-#define SBL__LOST (-1.0f)              /* If the driver ends a loop early (carrier.glsl), this replaces a look's least
-                                          distance, its variance of lamp light, or the high bits of a triangle index */
+#define SBL__LOST (-1.0f)              /* If the driver ends a loop early (see invocation.glsl), this replaces a look's
+                                          least distance, its variance of lamp light, or the high bits of a triangle
+                                          index */
 #define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction (as many as a float holds) are
                                           divided by this, which gives a float from 0 to 1 */
 #define SBL__COLOR_MOST 65535.0f       /* this integer stands for 1 in a vertex colour */
@@ -3863,7 +3864,7 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* Runs the current program (see carrier.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
+/* Runs the current program (see invocation.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
    otherwise a fragment shader over `rows` rows of the target, from `row` on. Both write the same values. The choice
    between them never depends on measured times, so the pictures do not either. On llvmpipe, compute is not slower. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
@@ -11602,7 +11603,8 @@ typedef struct sbl__guides {
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     int scouts;                 /* number of scouts per pixel of the grid */
     int reach;                  /* scouts count for guides up to this number of columns and rows away */
-    int spread;                 /* 1: scouts count in directions of their own, see sbl__scout_spread */
+    int parallax_aware;         /* 1: a guide near a scout counts its light in another direction than the scout, see
+                                   sbl__scout_spread */
     sbl__receiver *receivers;   /* the guides for which scouts of the pixel `scout` count */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
@@ -11741,8 +11743,8 @@ static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
 }
 
 /* ======================================================================================================== >>batch
-   What rasterised and traced sensors have in common: batches of looks, which are measured together, and the textures
-   of their results. */
+   Rasterised and traced sensors share this code: batches of looks, which are measured together, and the textures of
+   their results. */
 
 /* Slots for looks, side by side in textures. Look n of a job uses slot n % count, so that results do not depend on how
    the job is divided into batches. */
@@ -11776,7 +11778,7 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__lobe *lobes;     /* the looks' lobes; NULL unless the spec is `lobe` */
+    const sbl__lobe *lobes;     /* the looks' lobes; NULL unless spec->lobe is 1 */
     const sbl__table *table;    /* the looks as shaders that trace rays read them */
     const sbl__table *lobe_table;  /* the lobes as shaders read them */
     const sbl__guides *guides;  /* used only if the spec is guided; otherwise may be NULL */
@@ -11868,16 +11870,17 @@ static const char *const sbl__glsl_layers[] = {
 0 };
 /* <<glsl */
 
-/* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
-static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h) or each ray of cast.glsl has a slot\n",
-"// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
-"// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have\n",
-"// consecutive indices.\n",
-"uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace\n",
-"                                 // neighbouring rays\n",
+/* >>glsl invocation: shaders_embedded/invocation.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_invocation[] = {
+"// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see\n",
+"// >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one\n",
+"// invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute\n",
+"// shaders, in which the invocations of a slot have consecutive indices.\n",
+"uniform ivec2 blocks;            // size of a slot in texels. The slots of trace.glsl are at most 4 wide, so that\n",
+"                                 // invocations that run in parallel trace neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
-"uniform bool counts_steps;       // true: the outputs also tell the steps of rays, see sbl__spec.counts_steps\n",
+"uniform bool counts_steps;       // true: the outputs also contain the number of steps that the rays take through\n",
+"                                 // the hierarchy, see sbl__spec.counts_steps\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
@@ -11896,9 +11899,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// Converts 32-bit fractions to a point in the unit square.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the factors that convert light from the unit direction w from its part of R to its part of the first\n",
-"// four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R includes the cosine between w and\n",
-"// the normal n, radiance does not. reciprocal: 1 / cosine\n",
+"// Light from the unit direction w adds a term to R. Returns the factors that convert this term to the terms that\n",
+"// the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R\n",
+"// includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -11941,7 +11944,7 @@ static const char *const sbl__glsl_carrier[] = {
 /* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
    about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays, such as those through
    many holes, take many times more. A look whose loops were ended early has lost rays, see sbl__job_lost. */
-#define SBL__LOOP_ITERATIONS 20000 /* maximum number of loop iterations per invocation, on average */
+#define SBL__LOOP_ITERATIONS 20000 /* upper limit of the expected number of loop iterations per invocation */
 #define SBL__RAY_ITERATIONS 20     /* loop iterations per ray in addition to sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
                                       lights */
@@ -11954,15 +11957,15 @@ typedef struct sbl__aim {
                                       estimate from one part of the look's rays; the mean of the texels is the result */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: average number of loop iterations that
-   all rays together may take; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
+/* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: limit of the expected number of loop
+   iterations of all these rays; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
 static int sbl__rays_most(const sbl__hierarchy *h, int iterations, int limit, int divisor) {
     const double most = SBL__MIN(iterations / (h->cost + SBL__RAY_ITERATIONS), (double)limit);
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns once per scene that rays were lost. warned: last scene version with a warning; count, what: begin the
-   message */
+/* Warns, once per version of the scene, that rays were lost. warned: version of the last warning, which is updated. The
+   message begins with `count` and `what`, for example "3 sensors are invalid". */
 static void sbl__rays_warn(const sbl__device *d, uint32_t *warned, uint32_t version, int count, const char *what) {
     if (*warned == version) return;
     *warned = version;
@@ -12085,7 +12088,8 @@ static const char *const sbl__glsl_lamp[] = {
 "// random choice of a lamp from a cluster, and a random point on a lamp.\n",
 "uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps\n",
 "uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow\n",
-"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED\n",
+"// Programs with SBL_BOUNCED handle all kinds of lamps. They do not vary with SBL_MIXED, which saves compile time.\n",
+"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)\n",
 "const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
@@ -12101,7 +12105,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid\n",
+"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: (radiance above sky_limit) * solid\n",
 "                               // angle; light: irradiance of a surface at the sensor that faces the light\n",
 "    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the\n",
 "                               // centre\n",
@@ -12308,8 +12312,8 @@ static const char *const sbl__glsl_lamp[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its\n",
-"// lamps.\n",
+"// Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster\n",
+"// gives the sensor any light.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
@@ -12365,7 +12369,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // keeps away from the edges, so that the ray does not miss the triangle by rounding\n",
+"        // Moves the point a little away from the edges, so that rounding does not make the ray miss the triangle.\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -12419,7 +12423,8 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in\n",
 "// proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x\n",
-"// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps\n",
+"// stays uniform. node: root of the cluster's subtree, or -1 for the cluster of all lamps in a scene that has both\n",
+"// near and far lamps, whose trees have no common root\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
 "    // adds the low bits of the fraction, which a float between 0 and 1 cannot hold\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);\n",
@@ -12501,8 +12506,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // with fewer rays to the lamps of one facing, a part does not use the ratio\n",
-"                                    // seen / open for these `sparse` lamps\n",
+"const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one\n",
+"                                    // facing does not use the ratio seen / open for these lamps, because\n",
+"                                    // the ratio of few rays is biased\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
@@ -12518,7 +12524,8 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_LOBE\n",
 "const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor for picking lamps without a closed form\n",
 "#endif\n",
-"const float SBL_KNOWN = 1e-6;       // clusters get no more rays if (variance / squared light) is below this\n",
+"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if (variance of their light) / (squared light)\n",
+"                                    // is at most this\n",
 "\n",
 "int look;                    // the look that is measured: its index in the batch\n",
 "uvec2 scramble;\n",
@@ -12535,8 +12542,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
 "const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths\n",
-"// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.\n",
+"// Returns true if the views show a surface in front of the sample, or do not cover the sample's direction.\n",
+"// Compares depths at a texel's centre. If the direction of that centre misses the lamp's triangle, compares again\n",
+"// at a point closer to the middle of the triangle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float rotation = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -12760,13 +12768,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
-"    vec4 counts = vec4(0);\n",
+"    vec4 to_harmonics = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    vec3 either = light + unhindered;\n",
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
-"    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
+"    if (directional)\n",
+"        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
-"        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
+"        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);\n",
 "        open += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(open_layers, l, unhindered);\n",
 "        samples += l.facing;\n",
@@ -12800,7 +12809,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    light *= filtered;\n",
 "    unhindered *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
-"    mat3x4 harmonics = outerProduct(counts, light);\n",
+"    mat3x4 harmonics = outerProduct(to_harmonics, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
 "    else if (directional && cluster) sampled_harmonics += harmonics;\n",
 "    else if (directional) seen_harmonics[l.facing.y > 0.0 ? 1 : 0] += harmonics;\n",
@@ -13055,7 +13064,7 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_invocation, sbl__glsl_traverse,
       sbl__glsl_layers, sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
@@ -13542,8 +13551,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
-"            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
-"            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
+"            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
+"            harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
@@ -13561,7 +13570,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_reduce_blocks = {
-    "reduce_blocks", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_reduce_blocks },
+    "reduce_blocks", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_frame, sbl__glsl_invocation, sbl__glsl_reduce_blocks },
     { &sbl__look_record }, SBL__DIRECTIONAL
 };
 
@@ -13698,16 +13708,16 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
-"// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl\n",
-"// traces them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the\n",
-"// rays); cast.glsl traces them where sbl_shines is true, as for metal.\n",
+"// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
+"// them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the rays).\n",
+"// cast.glsl traces them only where sbl_shines is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe\n",
-"// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps\n",
-"// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
-"// \"Path Space Regularization for Holistic and Robust Light Transport\"). For all other rays, gloss gets at least\n",
-"// SBL_BLURRED_GLOSS instead of SBL_BLURRED: its highlights are fainter, so that less blur hides the specks.\n",
+"// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
+"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
+"// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
+"// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
+"// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
@@ -13868,13 +13878,15 @@ static const char *const sbl__glsl_reflect[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
-"// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a\n",
-"// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.\n",
+"// Each invocation traces a part of a look's rays over the hemisphere, with a cosine distribution of directions,\n",
+"// and sums their light. The outputs have the same meaning as in reduce_blocks.glsl, with these exceptions:\n",
+"// out_hits.w is the variance of the luminance of this part, and out_hits.z is SBL_LOST if rays were lost. If\n",
+"// counts_steps is true, out_hits.y is the number of steps of these rays through the hierarchy, divided by `rays`,\n",
+"// and no mean distance.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
-"uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
+"uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the\n",
+"                                      // rays of the other invocations: 1: pairs; 0: single rays\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
@@ -14128,9 +14140,9 @@ static const char *const sbl__glsl_trace[] = {
 "            if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
-"        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
-"        harmonics += outerProduct(counts, sum.rgb - before);\n",
-"        even -= weight * counts;\n",
+"        vec4 to_harmonics = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
+"        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
+"        even -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -14273,7 +14285,7 @@ static const char *const sbl__glsl_mirrored[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
       sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_mirrored, sbl__glsl_lamp,
       sbl__glsl_reflect, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
@@ -15398,7 +15410,7 @@ static const char *const sbl__glsl_cast[] = {
 "// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the\n",
 "// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
+"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
@@ -15481,7 +15493,7 @@ static const char *const sbl__glsl_cast[] = {
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_invocation, sbl__glsl_traverse,
       sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
@@ -15491,7 +15503,7 @@ static const sbl__recipe sbl__recipe_cast = {
 /* the program that casts rays in scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
       sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_reflect, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
@@ -19162,12 +19174,12 @@ static int sbl__guides_are_few(const sbl__refine *r, int step, int most) {
    from each, so that all together are as many. */
 static void sbl__guides_choose(sbl__refine *r) {
     sbl__guides *g = &r->guides;
-    g->spread = (r->core->scene.features & SBL__SPECULAR) != 0;
+    g->parallax_aware = (r->core->scene.features & SBL__SPECULAR) != 0;
     g->scouts = SBL__SCOUTS;
     g->reach = 2;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2)
         if (sbl__guides_are_few(r, g->step, g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
-    if (g->spread && sbl__guides_are_few(r, g->step / 2, SBL__GUIDES_MOST)) {
+    if (g->parallax_aware && sbl__guides_are_few(r, g->step / 2, SBL__GUIDES_MOST)) {
         g->step /= 2;
         g->scouts /= 4;
         g->reach = SBL__GUIDE_REACH;
@@ -19327,7 +19339,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
-        if (g->spread) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
+        if (g->parallax_aware) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
         else sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
@@ -19338,7 +19350,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
 static void sbl__guides_make(const sbl__refine *r, int guide) {
     const sbl__guides *g = &r->guides;
     const int number = SBL__MAX(guide - 1, 0), column = number % g->columns, row = number / g->columns;
-    const int reach = g->spread ? 0 : g->reach;
+    const int reach = g->parallax_aware ? 0 : g->reach;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
     float found[SBL__GUIDE_BINS];
     int i, k, n;
@@ -19391,17 +19403,17 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
+#define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
+#define SBL__GOAL_SHARE 0.6             /* a round aims at no less than this * the present squared error, since new
                                            readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
+#define SBL__GOAL_REST 1.1              /* a round aims at no less than this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
                                            force all others to the best possible quality */
-#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
+#define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
-#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
+#define SBL__GOAL_STORED 0.25           /* bias and noise may also always have this fraction of the squared uncertainty
                                            of stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
+#define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
@@ -19589,12 +19601,12 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
    `left` to `target`, or as close to it as one round may go. With a price, the lowest worth depends only on the price
    and on the number of the round: sensors whose surroundings are the same in two windows are then the same, too. */
 static float sbl__weigh_price(const sbl__refine *r, double left, double target) {
-    double rest = left, aim;
+    double rest = left, goal;
     int bin;
     if (r->price > 0) return (float)ldexp((double)r->price, SBL__MAX(SBL__PRICE_ROUNDS + 1 - r->rounds, 0));
     for (bin = 1; bin < SBL__GAIN_BINS; bin++) rest -= r->gains[bin];
-    aim = SBL__MAX(SBL__AIM_SHARE * left, SBL__MAX(SBL__AIM_BELOW * target, SBL__AIM_REST * rest));
-    while (bin > 1 && left > aim) left -= r->gains[--bin];
+    goal = SBL__MAX(SBL__GOAL_SHARE * left, SBL__MAX(SBL__GOAL_BELOW * target, SBL__GOAL_REST * rest));
+    while (bin > 1 && left > goal) left -= r->gains[--bin];
     return sbl__bin_worth(bin);
 }
 
@@ -19611,8 +19623,8 @@ static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = sbl__weigh_pixels(r), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
                                                    (double)r->shown2);
-    const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
-    const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
+    const double excused2 = SBL__MIN(SBL__GOAL_STORED * uncertainty2, SBL__GOAL_MOST * all2);
+    const double least2 = SBL__MAX(SBL__GOAL_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
     r->look_variance /= pixels;
     r->predicted = sbl__finite_root(left / pixels + uncertainty2);
@@ -20266,10 +20278,10 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// Smooths R, or another layer of light, with the Gaussian of section III-H over pixels with the same id,\n",
-"// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or\n",
-"// if its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the\n",
-"// weight. Light groups get the weights of R, so that they add up to R.\n",
+"// Smooths R, or another layer of light, with the normalised Gaussian of section III-H over pixels with the same\n",
+"// id. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or if its\n",
+"// R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the weight.\n",
+"// Light groups get the weights of R, so that they add up to R.\n",
 "uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface\n",
 "uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R\n",
 "uniform bool is_group;       // true: `layer` is a light group\n",
@@ -23095,7 +23107,7 @@ static const sbl__front_end sbl__readings_front_end = {
     X(SBL__VERTICES_WELD, NULL, sbl__vertices_weld, sbl__vertices_count, NULL) \
     X(SBL__VERTICES_SIDES, NULL, sbl__vertices_sides, sbl__vertices_triangles, NULL) \
     X(SBL__VERTICES_SETUP, sbl__vertices_setup, NULL, NULL, sbl__vertices_next_job) \
-    X(SBL__VERTICES_SITES, NULL, sbl__vertices_ask, sbl__work_site_count, NULL) \
+    X(SBL__VERTICES_SITES, NULL, sbl__vertices_site, sbl__work_site_count, NULL) \
     X(SBL__VERTICES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
     X(SBL__VERTICES_TAKE, NULL, sbl__vertices_take, sbl__work_site_count, sbl__vertices_next_job) \
     X(SBL__VERTICES_MASS, NULL, sbl__vertices_mass, sbl__vertices_triangles, NULL) \
@@ -23388,8 +23400,8 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *cursor to the next point, except cursor->number, which remains the number of the point. */
-static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
+   advances *cursor to the next point. Only cursor->number stays behind: it becomes the number of the returned point. */
+static int sbl__vertices_advance(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
     sbl__vertices_point(cursor->point, weights);
     cursor->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !cursor->point
@@ -23404,11 +23416,11 @@ static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, do
                                             meshes: 2^32 divided by the golden ratio, which keeps the numbers of many
                                             meshes apart */
 
-static sbl_result sbl__vertices_ask(void *work, int site) {
+static sbl_result sbl__vertices_site(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl_site point;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, &s->next_site, h);
+    const int triangle = sbl__vertices_advance(s, &s->next_site, h);
     const sbl__vertices_part *part = &s->parts[s->part];
     const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
     sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
@@ -23428,7 +23440,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, &s->next_reading, h);
+    const int triangle = sbl__vertices_advance(s, &s->next_reading, h);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
     float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);

@@ -2,7 +2,8 @@
 // random choice of a lamp from a cluster, and a random point on a lamp.
 uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps
 uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow
-#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED
+// Programs with SBL_BOUNCED handle all kinds of lamps. They do not vary with SBL_MIXED, which saves compile time.
+#if defined(SBL_MIXED) || defined(SBL_BOUNCED)
 const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
@@ -18,7 +19,7 @@ const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, 
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
     uint kind;
-    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid
+    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: (radiance above sky_limit) * solid
                                // angle; light: irradiance of a surface at the sensor that faces the light
     vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the
                                // centre
@@ -225,8 +226,8 @@ sbl_Cluster sbl_cluster(int node) {
                        int(beyond & ~SBL_FAR_NODE));
 }
 
-// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its
-// lamps.
+// Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster
+// gives the sensor any light.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
@@ -282,7 +283,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-        // keeps away from the edges, so that the ray does not miss the triangle by rounding
+        // Moves the point a little away from the edges, so that rounding does not make the ray miss the triangle.
         float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
         float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);
         s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));
@@ -336,7 +337,8 @@ struct sbl_Pick {
 
 // Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in
 // proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x
-// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps
+// stays uniform. node: root of the cluster's subtree, or -1 for the cluster of all lamps in a scene that has both
+// near and far lamps, whose trees have no common root
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // adds the low bits of the fraction, which a float between 0 and 1 cannot hold
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);

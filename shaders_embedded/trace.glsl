@@ -1,10 +1,12 @@
-// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
-// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
-// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a
-// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.
+// Each invocation traces a part of a look's rays over the hemisphere, with a cosine distribution of directions,
+// and sums their light. The outputs have the same meaning as in reduce_blocks.glsl, with these exceptions:
+// out_hits.w is the variance of the luminance of this part, and out_hits.z is SBL_LOST if rays were lost. If
+// counts_steps is true, out_hits.y is the number of steps of these rays through the hierarchy, divided by `rays`,
+// and no mean distance.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
-uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
+uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the
+                                      // rays of the other invocations: 1: pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
@@ -258,9 +260,9 @@ void main() {
             if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;
 #endif
         }
-        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
-        harmonics += outerProduct(counts, sum.rgb - before);
-        even -= weight * counts;
+        vec4 to_harmonics = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
+        harmonics += outerProduct(to_harmonics, sum.rgb - before);
+        even -= weight * to_harmonics;
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;
