@@ -9421,7 +9421,7 @@ static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_des
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
         if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+            sbl__mistake(check, "meshes[%d] is %d; the scene has %d meshes", i, mesh, g->mesh_count);
         else if (!g->meshes[mesh].lightmapped)
             sbl__mistake(check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
     }
@@ -9566,7 +9566,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
             vertices += g->meshes[mesh].vertex_count;
             triangles += g->meshes[mesh].triangle_count;
         } else
-            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d meshes", i, mesh, g->mesh_count);
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
         sbl__mistake(&check, "meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
@@ -14332,7 +14332,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources until a task or a scene needs different ones. After an error, the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones, or the work that uses it ends
+   (sbl__job_release, sbl__job_free). After an error, the job can begin again.
 
    A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
    first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
@@ -14401,14 +14402,14 @@ typedef struct sbl__job {
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
     sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
-    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is set */
+    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is 1 */
     int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
     int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
-    uint32_t warned_scene;        /* version of the scene for which sbl__rays_warn has warned */
+    uint32_t warned_scene;      /* version of the scene for which sbl__rays_warn has warned */
     int look_end;               /* 1 + index of the round's last look. The round's first look has the index
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
@@ -17448,7 +17449,8 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
+/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, so that they are the same as
+   after sbl_load_store. */
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
@@ -17655,7 +17657,8 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions match */
+    /* Matte materials add nothing to the hash: stores that versions without reflections saved remain valid. */
+    for (i = 0; i < g->mesh_count; i++) {
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
@@ -17670,7 +17673,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
-    /* the usual shape adds nothing, so that stores of older versions match */
+    /* Only a picture that is not twice as wide as high adds its width: stores of older versions remain valid. */
     if (e->pixels && e->width != 2 * e->height) *sky = sbl__hash_bytes(*sky, &e->width, sizeof e->width);
     if (!s->light_groups) return;
     for (i = 0; i < g->mesh_count; i++)
@@ -17777,7 +17780,7 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
     else if (header->order != SBL__SAVED_ORDER)
         sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light has another byte order");
     else if (header->version != SBL__SAVED_VERSION && header->version != SBL__SAVED_GROUPED)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is of another version of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light comes from another version of sbl.h");
     else if (header->version == SBL__SAVED_GROUPED &&
              !sbl__saved_transfer(stream, &stream->groups, sizeof stream->groups))
         sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
@@ -17890,7 +17893,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
-        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is larger than this driver's tables");
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE,
+                          "the stored light is larger than this driver's buffer textures");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
@@ -18136,8 +18140,8 @@ typedef struct sbl__refine {
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
-/* Returns the maximum number of blocks of sensors. Each pixel may have a sensor, in addition to sensor 0. A glimpse
-   leaves its sensors behind, at most one per pixel. */
+/* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
+   pixel because the sensors of a glimpse (see >>map) stay allocated after it. */
 static size_t sbl__sensor_blocks(const sbl__refine *r) {
     return 2 * (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
 }
@@ -18944,7 +18948,7 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
 #define SBL__HIDDEN_ALL 0.98f
-#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
+#define SBL__HIDDEN_REACH 2       /* distance_limit of the sensors of a lightmap, in widths of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
@@ -19210,7 +19214,7 @@ static int sbl__scouts_serve(const sbl__refine *r, int index) {
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
-/* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
+/* Lists the sites of the scouts of the next guides, sbl__guides.scouts at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -19946,8 +19950,8 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
                  (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
 
-/* Sets the settings. All fields except those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
-   filter */
+/* Copies the settings of a measurement to r. All fields of r except those that sbl__refine_make sets must be 0.
+   smoothing: sbl__filter_pixels of the filter */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -20258,7 +20262,7 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with a Gaussian (section III-H) that
+   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H, which
    stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
@@ -20988,7 +20992,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
 /* ======================================================================================================== >>work
    The common parts of all front ends. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
-   get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
+   and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
+   one table. */
 
 /* Memory that a map will need, in bytes, on GPU and host together. [0]: during refinement, [1]: afterwards */
 typedef struct sbl__need {
@@ -21029,7 +21034,7 @@ typedef struct sbl__front_end {
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
     int stage_count;
-    /* Returns the statistic for the seconds of the current stage, or NULL. */
+    /* Returns the field of sbl_stats to which the duration of the current stage is added, in seconds, or NULL. */
     double *(*seconds)(const void *work);
     float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1; only >>map includes the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
@@ -21235,8 +21240,8 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
-                                     the store. A root, because most sensors are at edges. The time was 0.5 to 2 times
-                                     this in most of 60 random rooms */
+                                     the store. The time grows with the square root because most sensors are at
+                                     edges. It was 0.5 to 2 times this estimate in most of 60 random rooms */
 #define SBL__MAP_LOOKS 0.7        /* typical number of looks per pixel, for work that does not fill the store */
 #define SBL__MAP_SPENT 0.6        /* each second of refinement reduces the rest of the typical time by this many
                                      seconds, because refinement that lasts is longer than typical */
@@ -21292,8 +21297,8 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     measurement->looks = SBL__MAX(measurement->looks * sbl__look_rays(d->target_error) / measurement->look_rays, 1);
     if (window.size[0] <= most && window.size[1] <= most) return SBL_SUCCESS;
-    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
-             "textures are at most %d across", where, window.size[0], window.size[1], most);
+    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: with margins, the picture has %d x %d pixels; "
+             "this driver's textures are at most %d across", where, window.size[0], window.size[1], most);
     return SBL_ERROR_UNSUPPORTED;
 }
 
@@ -24435,7 +24440,8 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
-        sbl__mistake(&check, "pixel %d %d lies outside of the picture's %d x %d", x, y, m->size[0], m->size[1]);
+        sbl__mistake(&check, "pixel (%d, %d) lies outside of the picture, which has %d x %d pixels", x, y, m->size[0],
+                     m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
@@ -24676,7 +24682,7 @@ static EGLint sbl__egl_error(void) {
 /* Logs that the library's own context cannot be made current, and returns SBL_ERROR_STATE. */
 static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "%s: the headless context cannot be made current, because a GL "
-             "context of another interface, such as GLX, is current in this thread; release that one before "
+             "context of another interface, such as GLX, is current in this thread; release that context before "
              "(glXMakeCurrent(display, None, NULL)), or set get_gl_function in sbl_context_desc (glXGetProcAddress), "
              "so that sbl.h works in it", function);
     return SBL_ERROR_STATE;
@@ -24886,8 +24892,9 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
         c->inside = SBL__INSIDE_REFUSAL;
         if (inside != SBL__INSIDE_REFUSAL &&  /* a logger that calls the function again must not cause a recursion */
             sbl__first_refusal(c, function))
-            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
-                        "callback return first (progress: return nonzero to cancel)");
+            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "a callback must not call this function during work; "
+                        "call it after the callback has returned (to cancel the work, return nonzero from the progress "
+                        "callback)");
         c->inside = inside;
         return SBL_ERROR_STATE;
     }
@@ -25055,7 +25062,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     snprintf(check.where, sizeof check.where, "%s", function);
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lamps.light_count;
     check.base = &c->core.base;
-    if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
+    if (count != has) sbl__mistake(&check, "%d %s are given, but the scene has %d %s", count, what, has, what);
     for (i = 0; i < count && count == has; i++) {
         if (desc->materials) sbl__check_material(&check, desc, i);
         else sbl__check_light(&check, &desc->lights[i], i, desc->light_groups);
@@ -25120,7 +25127,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
-        sbl__mistake(&check, "mesh is %d; the scene has %d", mesh, c->core.scene.geometry.mesh_count);
+        sbl__mistake(&check, "mesh is %d; the scene has %d meshes", mesh, c->core.scene.geometry.mesh_count);
     if (!transform) sbl__mistake(&check, "transform is NULL");
     sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", mesh);
     if (transform) sbl__check_transform(&check, transform);
