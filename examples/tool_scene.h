@@ -575,7 +575,7 @@ static int load_store(tool_task *task, const int *given) {
     if (result != SBL_SUCCESS)
         return fail("--store %s: %s; --store-replace replaces it, another FILE keeps it", name, said->store);
     if (said->store_item && !given[QUIET])
-        warn("--store %s: %s; it is used as it is; --store-replace makes it anew", name, said->store);
+        warn("--store %s: %s; it is used as it is; --store-replace makes new light", name, said->store);
     return DONE;
 }
 

@@ -1651,7 +1651,8 @@ TEST(substitutions_are_named) {
 /* Files whose meshes assimp would misread are refused. What is dropped is named, and does not stop the rest. */
 TEST(dropped_parts_of_gltf_are_named) {
     static const char *const refused[] = { "EXT_meshopt_compression", "KHR_meshopt_compression" };
-    static const char *const lines[] = { "EXT_mesh_gpu_instancing is ignored: each of its meshes stands only once",
+    static const char *const lines[] = {
+        "EXT_mesh_gpu_instancing is ignored: only one copy of each of its meshes is shown",
         "KHR_node_visibility is ignored: hidden nodes are shown",
         "nodes whose scale is 0 along an axis are left out (1 node)" };
     static const char *const more_lines[] = {
@@ -1686,9 +1687,9 @@ TEST(dropped_parts_of_gltf_are_named) {
    is printed, because it changes the positions that options give. */
 TEST(cameras_and_units_are_named) {
     static const char *const lines[] = {
-        "orthographic cameras are not used, and the file has no other: a view was chosen (1 camera)" };
+        "orthographic cameras are not used, and the file has no other: the tool chose a view (1 camera)" };
     static const char *const narrow[] = { "the camera of the file is not used, because its field of view (0.573 "
-        "degrees) is not between 1 and 179 degrees, or its place is too far away: a view was chosen" };
+        "degrees) is not between 1 and 179 degrees, or its position is too far away; the tool chose a view" };
     materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,"
                    "\"znear\":0,\"zfar\":9}}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
     TOOL("squares.gltf", SQUARES);
@@ -1884,9 +1885,10 @@ TEST(normal_maps_are_shown) {
 TEST(a_missed_target_is_said) {
     room_obj();
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-              said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked: stored light limits it; ") &&
+              said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked for: stored light limits it; ") &&
               said("--max-bounce-cells 4096 may help\n"), "stored light: exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 && said(" %, 1.5 % was asked: by default, a "
+    CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
+              said(" %, 1.5 % was asked for: by default, a "
                "sensor may measure only so often; --target-error 1.5% allows more"), "rays: exit status %d: %s",
           ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
@@ -1917,7 +1919,8 @@ TEST(advice_on_a_missed_target_helps) {
     target = 1.15 * json_number(text, "stored");
     REQUIRE(target > 0, "the error of stored light is %g", target);
     snprintf(asked, sizeof asked, "%.6f%%", 100 * target);
-    snprintf(expected, sizeof expected, " %.2g %% was asked: stored light limits it; --target-error ", 100 * target);
+    snprintf(expected, sizeof expected, " %.2g %% was asked for: stored light limits it; --target-error ",
+             100 * target);
     TOOL(scene, LIGHTS, "--target-error", asked);
     advice = strstr(ran.err, expected);
     REQUIRE(ran.err_lines == 1 && advice && sscanf(strstr(advice, "--"), "--target-error %15s", advised) == 1,
