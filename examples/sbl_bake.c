@@ -391,7 +391,7 @@ static int parse(int argc, char **argv) {
         return misuse("--light-groups does not work with %s", given[DIRECTIONAL] ? "--directional" : "--cubemaps");
     if (given[LIGHT_GROUPS] && !groups_read(&groups, options.light_groups))
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
-    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (given[JOIN] && given[PART]) return misuse("--join joins the parts that --part has made; give only one of them");
     if (given[JOIN] && given[RESUME])
         return misuse("--resume continues a bake, and --join bakes nothing; give only one of them");

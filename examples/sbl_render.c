@@ -203,7 +203,7 @@ static void note_effects(void) {
         note_if(needs_no_light(channel), given, table, of_light[i], "the channel shows no light");
     if (!needs_no_light(channel)) {
         common_note(given, table);
-        note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
+        note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold sets the quality");
         if (!paper) common_note_refinement(given, table, TARGET_ERROR);
     }
     note_if(given[STUDIO], given, table, LIGHT_SCALE, "--studio replaces the lights of the file");
@@ -221,7 +221,7 @@ static void note_effects(void) {
 /* Reads the value of --part and checks the options that go with it. Returns the exit status. */
 static int parse_part(void) {
     int status;
-    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (!given[PART]) return DONE;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
     if (given[INSPECT]) return misuse("--inspect draws a sensor, which has no parts; leave out --part");
@@ -472,9 +472,9 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
                                                                                                 : CELLS_MAX);
         snprintf(out, size, "stored light limits it%s%s", smaller, more);
     } else if (!given[TARGET_ERROR])
-        snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",
+        snprintf(out, size, "the default limit of rays per sensor was reached; --target-error %g%% allows more",
                  100 * target);
-    else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
+    else snprintf(out, size, "the maximum number of rays per sensor was reached; a larger --filter-radius would help");
 }
 
 /* Warns if the target was missed. The error of the light and the error of the reflections are each held to the target;

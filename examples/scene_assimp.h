@@ -138,7 +138,7 @@ typedef struct scene__reader {
     int *maps;
     scene_file_place *places;
     size_t use_count;
-    double triangles, vertices;  /* sums over all uses of meshes */
+    double triangles, vertices;  /* sums over all instances of meshes */
     unsigned best_camera;
     const struct aiNode *camera_node;  /* node of best_camera; NULL if the file has no camera */
     scene__motion motion;              /* of camera_node, if the options ask for frames */
@@ -479,7 +479,7 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
     if (has[SCENE__SPECULAR] && !out->specular_texture) scene__make_matte(out);
     if (has[SCENE__TRANSMISSION] && !out->transmission_texture) out->transmission = 0;
     if (out->normal_texture && scene__is_grey(&r->pictures.textures[out->normal_texture - 1])) {
-        scene__warn(r->file, "texture %s is grey, so it is no normal map; its material is shown without it",
+        scene__warn(r->file, "texture %s is grey, so it is not a normal map; its material is shown without it",
                     all[SCENE__NORMAL].name.data);
         out->normal_texture = 0;
     }
@@ -1108,8 +1108,8 @@ static void scene__nodes(scene__reader *r) {
                     "opacity of at least 0.5" : "it has no triangles");
         return;
     }
-    if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many uses of meshes"); return; }
-    scene__print(what, sizeof what, "rendering it (%.0f uses of meshes, %.0f triangles)", (double)r->use_count,
+    if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many instances of meshes"); return; }
+    scene__print(what, sizeof what, "rendering it (%.0f instances of meshes, %.0f triangles)", (double)r->use_count,
                  r->triangles);
     if (!scene__afford(file, what, 0, SCENE__PER_TRIANGLE * r->triangles + SCENE__PER_VERTEX * r->vertices)) return;
     r->meshes = (sbl_mesh *)scene__alloc(file, r->use_count, sizeof *r->meshes);

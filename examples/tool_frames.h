@@ -119,7 +119,8 @@ static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
     }
     for (key = FRAME__EYE; key <= FRAME__UP; key++) {
         if (v->has[FRAME__MATRIX] && v->has[key])
-            return frames__refuse(number, frames__keys[key].name, "excludes \"camera_to_world\"; remove one of them");
+            return frames__refuse(number, frames__keys[key].name,
+                                  "cannot be combined with \"camera_to_world\"; remove one of them");
         if (!v->has[FRAME__MATRIX] && !v->has[key] && key != FRAME__UP)
             return frames__refuse(number, frames__keys[key].name, "is missing");
     }

@@ -1620,7 +1620,7 @@ TEST(substitutions_are_named) {
             "\"target\":{\"node\":0,\"path\":\"translation\"}}]}]");
     TOOL("squares.gltf", "--materials", "matte", SQUARES);
     check_warnings("squares.gltf", gltf_lines, 15);
-    lines[0] = "texture grey.png is grey, so it is no normal map; its material is shown without it";
+    lines[0] = "texture grey.png is grey, so it is not a normal map; its material is shown without it";
     for (i = 1; i < 4; i++) lines[i] = gltf_lines[i + 1];  /* without metal and gloss */
     lines[i++] = "strength and colour of reflections (KHR_materials_specular) are ignored (2 materials)";
     lines[i++] = gloss_lines[0];                           /* one of two panes is thick */
@@ -1888,11 +1888,12 @@ TEST(a_missed_target_is_said) {
               said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked for: stored light limits it; ") &&
               said("--max-bounce-cells 4096 may help\n"), "stored light: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-              said(" %, 1.5 % was asked for: by default, a "
-               "sensor may measure only so often; --target-error 1.5% allows more"), "rays: exit status %d: %s",
+              said(" %, 1.5 % was asked for: the default limit of rays per sensor was reached; --target-error 1.5% "
+                   "allows more"), "rays: exit status %d: %s",
           ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-          said("as often as they may; a larger --filter-radius"), "all rays: exit status %d: %s", ran.status, ran.err);
+              said("the maximum number of rays per sensor was reached; a larger --filter-radius"),
+          "all rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "--rays", "64", "-o", "room.pfm") == 0 && !ran.err[0],
           "--rays: exit status %d: %s", ran.status, ran.err);

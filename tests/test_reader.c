@@ -1034,7 +1034,7 @@ TEST(normals_of_gltf) {
     file = read_back("normals.gltf", 0);
     REQUIRE(file, "%s", error);
     for (i = 0; i < 8; i++) check_normals(file, i, "grey", 0);
-    CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is no normal map"),
+    CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is not a normal map"),
           "%d: %s", file->warning_count, file->warnings[1]);
     scene_file_free(file);
     stbi_write_png(in_folder("two.png"), 2, 1, 3, grey, 6);
