@@ -14419,7 +14419,7 @@ typedef struct sbl__job {
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
-/* Frees the resources of traced jobs. To make them again takes less time than a picture's first round. */
+/* Frees the resources of traced jobs. Making them again takes less time than the first round of a picture. */
 static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
@@ -14504,7 +14504,7 @@ static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     *height = spec->traced ? 1 : layout.sheet[1];
 }
 
-/* Returns the number of rays per look for a target error. Where this is too few, sensors take more looks. */
+/* Returns the number of rays per look for a target error. Where these rays are too few, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
@@ -14767,9 +14767,10 @@ static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
-/* Draws a batch of `room` looks, but at least one (if rays are traced: whole lots), and at most as many as spec.batch,
-   the slots and the round allow. If views are drawn and `room` is less than the batch, draws only a part of the scene's
-   triangles, and the next call continues with the same batch. units: receives the work done, in looks */
+/* Draws a batch of about `room` looks: at least one, and at most as many as spec.batch, the slots and the round allow.
+   If rays are traced, rounds `room` to whole lots (see sbl__device.lot). If views are drawn and `room` is less than the
+   batch, draws only a part of the scene's triangles, and the next call continues with the same batch. units: receives
+   the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -17641,7 +17642,7 @@ typedef struct sbl__saved {
     int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
-/* Hashes all data that stored light depends on, part by part. */
+/* Computes one hash for each part of the scene that stored light depends on. */
 static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -20552,7 +20553,7 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(u[1] - 0.5);
 }
 
-/* one anti-aliasing sample, of all pixels */
+/* One anti-aliasing sample of every pixel, as input of resolve.glsl */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *emission;          /* emission of the sample */
@@ -21145,7 +21146,8 @@ static double sbl__work_measured(const sbl__work *w, int sense) {
     return w->stages.at ? (double)sbl__job_progress(&w->core->job) * w->task.site_count : 0;
 }
 
-/* the `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure */
+/* The function sbl__front_end.seconds of front ends whose stage 0 is sbl__work_prepare and whose other stages measure
+   light */
 static double *sbl__work_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
     return w->stages.stage ? &w->core->stats.seconds.gather : &w->core->stats.seconds.surface;
@@ -21494,8 +21496,8 @@ static size_t sbl__map_shown(const sbl__map *m, size_t i) {
     return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
 }
 
-/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse is under way, after which they are
-   read again. */
+/* Deletes the textures of the G-buffer that only refinement reads. During a glimpse, keeps them, because the refinement
+   after the glimpse reads them again. */
 static sbl_result sbl__map_trim(sbl__map *m) {
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
     return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
@@ -22012,8 +22014,8 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission, unless the host has set it, at first with R in place of the light in
-   lobes. */
+/* Unless the host has set the mean of FINAL without emission, estimates it. R takes the place of the light in lobes,
+   which is not known yet. */
 static void sbl__reflections_set_mean(sbl__reflections *f) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
     int k;
@@ -22165,9 +22167,10 @@ static void sbl__picture_offset(const sbl__picture *p, float out[2]) {
     sbl__sample_offset(p->resolved, one ? 1 : p->samples, out);
 }
 
-/* Adds the memory that a picture needs beyond a map: triangles and depth of surfaces, and lobes. After refinement: the
-   surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of the memory for DEVELOP
-   and for samples: sums and, except for the emission, the surfaces of a sample. */
+/* Adds the memory that a picture needs beyond a map. It always needs memory for the triangles and the depth of
+   surfaces, and for lobes. After refinement, it needs memory for the surfaces at pixel centres, for R, for the preview
+   that hosts may read, for reflections, and either for DEVELOP or for anti-aliasing samples, whichever takes more. The
+   samples need their sums and, except for the emission, the surfaces of one sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
@@ -22457,7 +22460,7 @@ enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__S
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, sew;            /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
+    int gutter, even_seams;     /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
@@ -22490,10 +22493,10 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* Adds the memory that a lightmap needs beyond a map: the atlas in host and GPU memory, and the light of further
-   layers; after refinement, the surfaces of texels, the filtered light of R and of the current layer, the unfiltered
-   light of R, and the memory for DEVELOP; the gutters; for each layer, the result, with light groups also in host
-   memory; the mean of supersampled texels; and, during refinement, further textures of sensors. */
+/* Adds the memory that a lightmap needs beyond a map. It always needs the atlas in host and GPU memory, and the light
+   of further layers. After refinement, it needs the surfaces of texels, the filtered light of R and of the current
+   layer, the unfiltered light of R, the memory for DEVELOP, the gutters, the result of each layer (with light groups
+   also in host memory), and the mean of supersampled texels. During refinement, sensors need further textures. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
@@ -22521,7 +22524,7 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = d.window[2] ? 0 : SBL__MAX(d.gutter, 0);
-    l->sew = d.seams >= 0;
+    l->even_seams = d.seams >= 0;
     if (m->across > 1) {
         m->shown = (int *)sbl__alloc(base, (size_t)m->size[0] * (size_t)m->size[1], sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
@@ -22652,7 +22655,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__seams *s = &l->seams;
     sbl_result result;
-    if (!l->gutter || !l->sew) return SBL_SUCCESS;
+    if (!l->gutter || !l->even_seams) return SBL_SUCCESS;
     result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
     if (!l->map.layer) sbl__seams_report(s, (double)sbl__refine_luminance(&l->map.refine), &l->map.work.core->stats);
     return result;
@@ -23105,8 +23108,8 @@ static const sbl__front_end sbl__readings_front_end = {
                                            row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
-/* SITES to TAKE are repeated for each job; SPREAD and MEAN for each ring of unknowns around those with light; NEXT
-   returns to SOLVE for each light group. */
+/* The stages SITES to TAKE are repeated for each job. SPREAD and MEAN are repeated for each ring of unknowns around
+   those with light. NEXT returns to SOLVE for each light group. */
 #define SBL__VERTICES_STAGES(X) \
     X(SBL__VERTICES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
     X(SBL__VERTICES_FACES, NULL, sbl__vertices_face, sbl__vertices_triangles, NULL) \
@@ -24412,7 +24415,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        /* the outputs of lamps lie behind the outputs of rays, but are taken first */
+        /* The entries for lamps follow those for rays in `data`, but are taken first. */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
@@ -24951,8 +24954,9 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, for compile_ahead. Does not compile variants with SBL__INSPECT,
-   SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
+/* Compiles programs before the first use, for compile_ahead. Leaves out sbl__recipe_cast_metal, and the variants of
+   other programs with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS,
+   SBL__MIRRORS_BLUR or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
@@ -24977,7 +24981,7 @@ static sbl_result sbl__compile_all(sbl__device *d) {
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
-    /* if a canary shows that the struct was not zeroed, its logger and allocator may be no functions */
+    /* If a canary shows that the host did not zero the struct, its logger and allocator may be invalid pointers. */
     const int zeroed = !desc || (!desc->start_canary && !desc->end_canary);
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     const sbl_context_desc defaults = sbl_context_desc_defaults(NULL);
