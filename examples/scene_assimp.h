@@ -138,7 +138,7 @@ typedef struct scene__reader {
     int *maps;
     scene_file_place *places;
     size_t use_count;
-    double triangles, vertices;  /* sums over all instances of meshes */
+    double triangles, vertices;  /* sums over all uses of meshes */
     unsigned best_camera;
     const struct aiNode *camera_node;  /* node of best_camera; NULL if the file has no camera */
     scene__motion motion;              /* of camera_node, if the options ask for frames */
@@ -982,7 +982,7 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Returns 1 if a scale of 0 makes what is in a node flat, which sbl_mesh.transform does not allow. */
+/* Returns 1 if a scale of 0 makes the meshes of a node flat, which sbl_mesh.transform does not allow. */
 static int scene__is_flat(const scene__node *at) {
     float m[12];
     double determinant = 0;
@@ -1108,8 +1108,8 @@ static void scene__nodes(scene__reader *r) {
                     "opacity of at least 0.5" : "it has no triangles");
         return;
     }
-    if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many instances of meshes"); return; }
-    scene__print(what, sizeof what, "rendering it (%.0f instances of meshes, %.0f triangles)", (double)r->use_count,
+    if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many uses of meshes"); return; }
+    scene__print(what, sizeof what, "rendering it (%.0f uses of meshes, %.0f triangles)", (double)r->use_count,
                  r->triangles);
     if (!scene__afford(file, what, 0, SCENE__PER_TRIANGLE * r->triangles + SCENE__PER_VERTEX * r->vertices)) return;
     r->meshes = (sbl_mesh *)scene__alloc(file, r->use_count, sizeof *r->meshes);

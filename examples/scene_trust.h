@@ -54,8 +54,8 @@ static int scene__trust_map(const scene_file *file, int mesh) {
            isfinite(p->scale[0] + p->scale[1] + p->offset[0] + p->offset[1]);
 }
 
-/* Returns 1 if everything is valid. Fields that the converter never sets become 0. capacity: the size of the pages, as
-   the parent knows it */
+/* Returns 1 if the arrays and the names are inside the pages, and counts and units are in their ranges. Fields that the
+   converter never sets become 0. capacity: the size of the pages, as the parent knows it */
 static int scene__trust(scene_file *file, size_t capacity) {
     const sbl_scene_desc in = file->scene;
     sbl_scene_desc *out = &file->scene;
