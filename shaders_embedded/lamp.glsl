@@ -2,8 +2,7 @@
 // random choice of a lamp from a cluster, and a random point on a lamp.
 uniform int lamp_nodes, lamp_leaves;  // number of nodes and of leaves in the table of lamps
 uniform float unit;                   // radiance is divided by this unit in sums, to prevent overflow
-// Programs with SBL_BOUNCED handle all kinds of lamps. They do not vary with SBL_MIXED, which saves compile time.
-#if defined(SBL_MIXED) || defined(SBL_BOUNCED)
+#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // programs with SBL_BOUNCED have no variants for SBL_MIXED
 const bool mixed = true;            // some lamps may not be triangles, and there may be more than SBL_LAMPS lamps
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
@@ -337,8 +336,7 @@ struct sbl_Pick {
 
 // Picks one lamp of a cluster: descends its subtree, and chooses a child of each node with a probability in
 // proportion to its strength. Each choice maps the interval of the chosen child back to 0 .. 1, so that p.u.x
-// stays uniform. node: root of the cluster's subtree, or -1 for the cluster of all lamps in a scene that has both
-// near and far lamps, whose trees have no common root
+// stays uniform. node: -1: the cluster of all lamps, if the scene has near and far lamps
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // adds the low bits of the fraction, which a float between 0 and 1 cannot hold
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.chance, 0.0, 1.0);
