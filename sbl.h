@@ -13876,11 +13876,10 @@ static const char *const sbl__glsl_reflect[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// Each invocation traces a part of a look's rays over the hemisphere, with a cosine distribution of directions,\n",
-"// and sums their light. The outputs have the same meaning as in reduce_blocks.glsl, with these exceptions:\n",
-"// out_hits.w is the variance of the luminance of this part, and out_hits.z is SBL_LOST if rays were lost. If\n",
-"// counts_steps is true, out_hits.y is the number of steps of these rays through the hierarchy, divided by `rays`,\n",
-"// and no mean distance.\n",
+"// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
+"// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
+"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a\n",
+"// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the\n",

@@ -1,8 +1,7 @@
-// Each invocation traces a part of a look's rays over the hemisphere, with a cosine distribution of directions,
-// and sums their light. The outputs have the same meaning as in reduce_blocks.glsl, with these exceptions:
-// out_hits.w is the variance of the luminance of this part, and out_hits.z is SBL_LOST if rays were lost. If
-// counts_steps is true, out_hits.y is the number of steps of these rays through the hierarchy, divided by `rays`,
-// and no mean distance.
+// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
+// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
+// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a
+// mean distance but the number of steps of these rays through the hierarchy, divided by `rays`.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the
