@@ -19212,7 +19212,7 @@ static int sbl__scouts_serve(const sbl__refine *r, int index) {
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
-/* Lists the sites of the scouts of the next guides, sbl__guides.scouts at each guide's pixel, until they fill a job. */
+/* Lists the sites of the scouts of the next guides, guides.scouts at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
