@@ -24441,7 +24441,7 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
-        sbl__mistake(&check, "pixel (%d, %d) lies outside of the picture, which has %d x %d pixels", x, y, m->size[0],
+        sbl__mistake(&check, "pixel %d %d lies outside of the picture, which has %d x %d pixels", x, y, m->size[0],
                      m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
