@@ -3077,8 +3077,9 @@ typedef struct sbl__record {
 #define SBL__HASH_SHIFT 15
 
 #define SBL__UNBOUNDED 1e30f           /* stands for infinity: a ray's maximum length, or its distance without a hit */
-#define SBL__LOST (-1.0f)              /* If the driver ends a loop early (carrier.glsl), this replaces a look's least
-                                          distance, its variance of lamp light, or the high bits of a triangle index */
+#define SBL__LOST (-1.0f)              /* If the driver ends a loop early (see invocation.glsl), this replaces a look's
+                                          least distance, its variance of lamp light, or the high bits of a triangle
+                                          index */
 #define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction (as many as a float holds) are
                                           divided by this, which gives a float from 0 to 1 */
 #define SBL__COLOR_MOST 65535.0f       /* this integer stands for 1 in a vertex colour */
@@ -3876,7 +3877,7 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* Runs the current program (see carrier.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
+/* Runs the current program (see invocation.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
    otherwise a fragment shader over `rows` rows of the target, from `row` on. Both write the same values. The choice
    between them never depends on measured times, so the pictures do not either. On llvmpipe, compute is not slower. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
@@ -9465,7 +9466,7 @@ static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_des
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
         if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+            sbl__mistake(check, "meshes[%d] is %d; the scene has %d meshes", i, mesh, g->mesh_count);
         else if (!g->meshes[mesh].lightmapped)
             sbl__mistake(check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
     }
@@ -9610,7 +9611,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
             vertices += g->meshes[mesh].vertex_count;
             triangles += g->meshes[mesh].triangle_count;
         } else
-            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d meshes", i, mesh, g->mesh_count);
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
         sbl__mistake(&check, "meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
@@ -11656,7 +11657,8 @@ typedef struct sbl__guides {
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     int scouts;                 /* number of scouts per pixel of the grid */
     int reach;                  /* scouts count for guides up to this number of columns and rows away */
-    int spread;                 /* 1: scouts count in directions of their own, see sbl__scout_spread */
+    int parallax_aware;         /* 1: a guide near a scout counts its light in another direction than the scout, see
+                                   sbl__scout_spread */
     sbl__receiver *receivers;   /* the guides for which scouts of the pixel `scout` count */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
@@ -11769,8 +11771,8 @@ static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
 }
 
 /* ======================================================================================================== >>batch
-   What rasterised and traced sensors have in common: batches of looks, which are measured together, and the textures
-   of their results. */
+   Rasterised and traced sensors share this code: batches of looks, which are measured together, and the textures of
+   their results. */
 
 /* Slots for looks, side by side in textures. Look n of a job uses slot n % count, so that results do not depend on how
    the job is divided into batches. */
@@ -11804,7 +11806,7 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__lobe *lobes;     /* the looks' lobes; NULL unless the spec is `lobe` */
+    const sbl__lobe *lobes;     /* the looks' lobes; NULL unless spec->lobe is 1 */
     const sbl__table *table;    /* the looks as shaders that trace rays read them */
     const sbl__table *lobe_table;  /* the lobes as shaders read them */
     const sbl__guides *guides;  /* used only if the spec is guided; otherwise may be NULL */
@@ -11897,16 +11899,17 @@ static const char *const sbl__glsl_layers[] = {
 0 };
 /* <<glsl */
 
-/* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
-static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h) or each ray of cast.glsl has a slot\n",
-"// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
-"// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have\n",
-"// consecutive indices.\n",
-"uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace\n",
-"                                 // neighbouring rays\n",
+/* >>glsl invocation: shaders_embedded/invocation.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_invocation[] = {
+"// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see\n",
+"// >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one\n",
+"// invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute\n",
+"// shaders, in which the invocations of a slot have consecutive indices.\n",
+"uniform ivec2 blocks;            // size of a slot in texels. The slots of trace.glsl are at most 4 wide, so that\n",
+"                                 // invocations that run in parallel trace neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
-"uniform bool counts_steps;       // true: the outputs also tell the steps of rays, see sbl__spec.counts_steps\n",
+"uniform bool counts_steps;       // true: the outputs also contain the number of steps that the rays take through\n",
+"                                 // the hierarchy, see sbl__spec.counts_steps\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
@@ -11925,9 +11928,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// Converts 32-bit fractions to a point in the unit square.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the factors that convert light from the unit direction w from its part of R to its part of the first\n",
-"// four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R includes the cosine between w and\n",
-"// the normal n, radiance does not. reciprocal: 1 / cosine\n",
+"// Light from the unit direction w adds a term to R. Returns the factors that convert this term to the terms that\n",
+"// the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R\n",
+"// includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -11970,7 +11973,7 @@ static const char *const sbl__glsl_carrier[] = {
 /* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
    about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays, such as those through
    many holes, take many times more. A look whose loops were ended early has lost rays, see sbl__job_lost. */
-#define SBL__LOOP_ITERATIONS 20000 /* maximum number of loop iterations per invocation, on average */
+#define SBL__LOOP_ITERATIONS 20000 /* upper limit of the expected number of loop iterations per invocation */
 #define SBL__RAY_ITERATIONS 20     /* loop iterations per ray in addition to sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
                                       lights */
@@ -11983,15 +11986,15 @@ typedef struct sbl__aim {
                                       estimate from one part of the look's rays; the mean of the texels is the result */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: average number of loop iterations that
-   all rays together may take; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
+/* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: limit of the expected number of loop
+   iterations of all these rays; divisor: divides the number of rays, see sbl__job_lost (0 acts as 1) */
 static int sbl__rays_most(const sbl__hierarchy *h, int iterations, int limit, int divisor) {
     const double most = SBL__MIN(iterations / (h->cost + SBL__RAY_ITERATIONS), (double)limit);
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns once per scene that rays were lost. warned: last scene version with a warning; count, what: begin the
-   message */
+/* Warns, once per version of the scene, that rays were lost. warned: version of the last warning, which is updated. The
+   message begins with `count` and `what`, for example "3 sensors are invalid". */
 static void sbl__rays_warn(const sbl__device *d, uint32_t *warned, uint32_t version, int count, const char *what) {
     if (*warned == version) return;
     *warned = version;
@@ -12131,7 +12134,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid\n",
+"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: (radiance above sky_limit) * solid\n",
 "                               // angle; light: irradiance of a surface at the sensor that faces the light\n",
 "    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the\n",
 "                               // centre\n",
@@ -12340,8 +12343,8 @@ static const char *const sbl__glsl_lamp[] = {
 "    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));\n",
 "}\n",
 "\n",
-"// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its\n",
-"// lamps.\n",
+"// Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster\n",
+"// gives the sensor any light.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
@@ -12398,7 +12401,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // keeps away from the edges, so that the ray does not miss the triangle by rounding\n",
+"        // Moves the point a little away from the edges, so that rounding does not make the ray miss the triangle.\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -12534,8 +12537,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // with fewer rays to the lamps of one facing, a part does not use the ratio\n",
-"                                    // seen / open for these `sparse` lamps\n",
+"const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one\n",
+"                                    // facing does not use the ratio seen / open for these lamps, because\n",
+"                                    // the ratio of few rays is biased\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
@@ -12551,7 +12555,8 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_LOBE\n",
 "const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor for picking lamps without a closed form\n",
 "#endif\n",
-"const float SBL_KNOWN = 1e-6;       // clusters get no more rays if (variance / squared light) is below this\n",
+"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if (variance of their light) / (squared light)\n",
+"                                    // is at most this\n",
 "\n",
 "int look;                    // the look that is measured: its index in the batch\n",
 "uvec2 scramble;\n",
@@ -12568,8 +12573,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
 "const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths\n",
-"// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.\n",
+"// Returns true if the views show a surface in front of the sample, or do not cover the sample's direction.\n",
+"// Compares depths at a texel's centre. If the direction of that centre misses the lamp's triangle, compares again\n",
+"// at a point closer to the middle of the triangle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float rotation = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -12793,13 +12799,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
-"    vec4 counts = vec4(0);\n",
+"    vec4 to_harmonics = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    vec3 either = light + unhindered;\n",
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
-"    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
+"    if (directional)\n",
+"        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
-"        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
+"        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);\n",
 "        open += outerProduct(unhindered, l.facing);\n",
 "        sbl_add_layers(open_layers, l, unhindered);\n",
 "        samples += l.facing;\n",
@@ -12833,7 +12840,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    light *= filtered;\n",
 "    unhindered *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
-"    mat3x4 harmonics = outerProduct(counts, light);\n",
+"    mat3x4 harmonics = outerProduct(to_harmonics, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
 "    else if (directional && cluster) sampled_harmonics += harmonics;\n",
 "    else if (directional) seen_harmonics[l.facing.y > 0.0 ? 1 : 0] += harmonics;\n",
@@ -13088,7 +13095,7 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_invocation, sbl__glsl_traverse,
       sbl__glsl_layers, sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
@@ -13575,8 +13582,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
-"            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
-"            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
+"            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
+"            harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
@@ -13594,7 +13601,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_reduce_blocks = {
-    "reduce_blocks", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_reduce_blocks },
+    "reduce_blocks", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_frame, sbl__glsl_invocation, sbl__glsl_reduce_blocks },
     { &sbl__look_record }, SBL__DIRECTIONAL
 };
 
@@ -13731,16 +13739,16 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
-"// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl\n",
-"// traces them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the\n",
-"// rays); cast.glsl traces them where sbl_shines is true, as for metal.\n",
+"// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
+"// them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the rays).\n",
+"// cast.glsl traces them only where sbl_shines is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe\n",
-"// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps\n",
-"// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,\n",
-"// \"Path Space Regularization for Holistic and Robust Light Transport\"). For all other rays, gloss gets at least\n",
-"// SBL_BLURRED_GLOSS instead of SBL_BLURRED: its highlights are fainter, so that less blur hides the specks.\n",
+"// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
+"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
+"// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
+"// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
+"// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
@@ -13909,7 +13917,8 @@ static const char *const sbl__glsl_trace[] = {
 "// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
-"uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
+"uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the\n",
+"                                      // rays of the other invocations: 1: pairs; 0: single rays\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
@@ -14165,9 +14174,9 @@ static const char *const sbl__glsl_trace[] = {
 "            if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
-"        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
-"        harmonics += outerProduct(counts, sum.rgb - before);\n",
-"        even -= weight * counts;\n",
+"        vec4 to_harmonics = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
+"        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
+"        even -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -14313,7 +14322,7 @@ static const char *const sbl__glsl_mirrored[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
       sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_mirrored, sbl__glsl_lamp,
       sbl__glsl_reflect, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
@@ -14360,7 +14369,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources until a task or a scene needs different ones. After an error, the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones, or the work that uses it ends
+   (sbl__job_release, sbl__job_free). After an error, the job can begin again.
 
    A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
    first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
@@ -14429,14 +14439,14 @@ typedef struct sbl__job {
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
     sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
-    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is set */
+    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is 1 */
     int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
     int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
-    uint32_t warned_scene;        /* version of the scene for which sbl__rays_warn has warned */
+    uint32_t warned_scene;      /* version of the scene for which sbl__rays_warn has warned */
     int look_end;               /* 1 + index of the round's last look. The round's first look has the index
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
@@ -14446,7 +14456,7 @@ typedef struct sbl__job {
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
-/* Frees the resources of traced jobs. To make them again takes less time than a picture's first round. */
+/* Frees the resources of traced jobs. Making them again takes less time than the first round of a picture. */
 static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
@@ -14531,7 +14541,7 @@ static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     *height = spec->traced ? 1 : layout.sheet[1];
 }
 
-/* Returns the number of rays per look for a target error. Where this is too few, sensors take more looks. */
+/* Returns the number of rays per look for a target error. Where these rays are too few, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
@@ -14794,9 +14804,10 @@ static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
-/* Draws a batch of `room` looks, but at least one (if rays are traced: whole lots), and at most as many as spec.batch,
-   the slots and the round allow. If views are drawn and `room` is less than the batch, draws only a part of the scene's
-   triangles, and the next call continues with the same batch. units: receives the work done, in looks */
+/* Draws a batch of about `room` looks: at least one, and at most as many as spec.batch, the slots and the round allow.
+   If rays are traced, rounds `room` to whole lots (see sbl__device.lot). If views are drawn and `room` is less than the
+   batch, draws only a part of the scene's triangles, and the next call continues with the same batch. units: receives
+   the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -15438,7 +15449,7 @@ static const char *const sbl__glsl_cast[] = {
 "// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the\n",
 "// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
+"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
@@ -15521,7 +15532,7 @@ static const char *const sbl__glsl_cast[] = {
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_invocation, sbl__glsl_traverse,
       sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
@@ -15531,7 +15542,7 @@ static const sbl__recipe sbl__recipe_cast = {
 /* the program that casts rays in scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
       sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_reflect, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
@@ -17476,7 +17487,8 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
+/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, so that they are the same as
+   after sbl_load_store. */
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
@@ -17667,7 +17679,7 @@ typedef struct sbl__saved {
     int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
-/* Hashes all data that stored light depends on, part by part. */
+/* Computes one hash for each part of the scene that stored light depends on. */
 static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -17683,7 +17695,8 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions match */
+    /* Matte materials add nothing to the hash: stores that versions without reflections saved remain valid. */
+    for (i = 0; i < g->mesh_count; i++) {
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
@@ -17698,7 +17711,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
-    /* the usual shape adds nothing, so that stores of older versions match */
+    /* Only a picture that is not twice as wide as high adds its width: stores of older versions remain valid. */
     if (e->pixels && e->width != 2 * e->height) *sky = sbl__hash_bytes(*sky, &e->width, sizeof e->width);
     if (!s->light_groups) return;
     for (i = 0; i < g->mesh_count; i++)
@@ -17805,7 +17818,7 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
     else if (header->order != SBL__SAVED_ORDER)
         sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light has another byte order");
     else if (header->version != SBL__SAVED_VERSION && header->version != SBL__SAVED_GROUPED)
-        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is of another version of sbl.h");
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light comes from another version of sbl.h");
     else if (header->version == SBL__SAVED_GROUPED &&
              !sbl__saved_transfer(stream, &stream->groups, sizeof stream->groups))
         sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, sbl__saved_short);
@@ -17918,7 +17931,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
-        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "the stored light is larger than this driver's tables");
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE,
+                          "the stored light is larger than this driver's buffer textures");
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
@@ -18164,8 +18178,8 @@ typedef struct sbl__refine {
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
-/* Returns the maximum number of blocks of sensors. Each pixel may have a sensor, in addition to sensor 0. A glimpse
-   leaves its sensors behind, at most one per pixel. */
+/* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
+   pixel because the sensors of a glimpse (see >>map) stay allocated after it. */
 static size_t sbl__sensor_blocks(const sbl__refine *r) {
     return 2 * (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
 }
@@ -18977,7 +18991,7 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
 #define SBL__HIDDEN_ALL 0.98f
 #define SBL__HIDDEN_BACK 0.8f
 #define SBL__HIDDEN_COVER 0.1f
-#define SBL__HIDDEN_REACH 2       /* distance_limit in this test, in widths of a texel */
+#define SBL__HIDDEN_REACH 2       /* distance_limit of the sensors of a lightmap, in widths of a texel */
 /* Search for the places of a refused texel: the positions in it from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
@@ -19217,12 +19231,12 @@ static int sbl__guides_are_few(const sbl__refine *r, int step, int most) {
    from each, so that all together are as many. */
 static void sbl__guides_choose(sbl__refine *r) {
     sbl__guides *g = &r->guides;
-    g->spread = (r->core->scene.features & SBL__SPECULAR) != 0;
+    g->parallax_aware = (r->core->scene.features & SBL__SPECULAR) != 0;
     g->scouts = SBL__SCOUTS;
     g->reach = 2;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2)
         if (sbl__guides_are_few(r, g->step, g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
-    if (g->spread && sbl__guides_are_few(r, g->step / 2, SBL__GUIDES_MOST)) {
+    if (g->parallax_aware && sbl__guides_are_few(r, g->step / 2, SBL__GUIDES_MOST)) {
         g->step /= 2;
         g->scouts /= 4;
         g->reach = SBL__GUIDE_REACH;
@@ -19382,7 +19396,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
-        if (g->spread) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
+        if (g->parallax_aware) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
         else sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
@@ -19393,7 +19407,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
 static void sbl__guides_make(const sbl__refine *r, int guide) {
     const sbl__guides *g = &r->guides;
     const int number = SBL__MAX(guide - 1, 0), column = number % g->columns, row = number / g->columns;
-    const int reach = g->spread ? 0 : g->reach;
+    const int reach = g->parallax_aware ? 0 : g->reach;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
     float found[SBL__GUIDE_BINS];
     int i, k, n;
@@ -19446,17 +19460,17 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this * the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this * the present squared error, since new
+#define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
+#define SBL__GOAL_SHARE 0.6             /* a round aims at no less than this * the present squared error, since new
                                            readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* a round aims at no less than this * the squared error that neither looks nor
+#define SBL__GOAL_REST 1.1              /* a round aims at no less than this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
                                            force all others to the best possible quality */
-#define SBL__AIM_LEAST 0.7              /* bias and noise may always have this fraction of the squared target error,
+#define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
-#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this fraction of the squared uncertainty
+#define SBL__GOAL_STORED 0.25           /* bias and noise may also always have this fraction of the squared uncertainty
                                            of stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* SBL__AIM_STORED permits at most this * the squared target error, because the
+#define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
@@ -19644,12 +19658,12 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
    `left` to `target`, or as close to it as one round may go. With a price, the lowest worth depends only on the price
    and on the number of the round: sensors whose surroundings are the same in two windows are then the same, too. */
 static float sbl__weigh_price(const sbl__refine *r, double left, double target) {
-    double rest = left, aim;
+    double rest = left, goal;
     int bin;
     if (r->price > 0) return (float)ldexp((double)r->price, SBL__MAX(SBL__PRICE_ROUNDS + 1 - r->rounds, 0));
     for (bin = 1; bin < SBL__GAIN_BINS; bin++) rest -= r->gains[bin];
-    aim = SBL__MAX(SBL__AIM_SHARE * left, SBL__MAX(SBL__AIM_BELOW * target, SBL__AIM_REST * rest));
-    while (bin > 1 && left > aim) left -= r->gains[--bin];
+    goal = SBL__MAX(SBL__GOAL_SHARE * left, SBL__MAX(SBL__GOAL_BELOW * target, SBL__GOAL_REST * rest));
+    while (bin > 1 && left > goal) left -= r->gains[--bin];
     return sbl__bin_worth(bin);
 }
 
@@ -19666,8 +19680,8 @@ static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = sbl__weigh_pixels(r), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
                                                    (double)r->shown2);
-    const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
-    const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
+    const double excused2 = SBL__MIN(SBL__GOAL_STORED * uncertainty2, SBL__GOAL_MOST * all2);
+    const double least2 = SBL__MAX(SBL__GOAL_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
     r->look_variance /= pixels;
     r->predicted = sbl__finite_root(left / pixels + uncertainty2);
@@ -19990,8 +20004,8 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
                  (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
 
-/* Sets the settings. All fields except those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
-   filter */
+/* Copies the settings of a measurement to r. All fields of r except those that sbl__refine_make sets must be 0.
+   smoothing: sbl__filter_pixels of the filter */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -20302,7 +20316,7 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with a Gaussian (section III-H) that
+   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H, which
    stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
@@ -20322,10 +20336,10 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// Smooths R, or another layer of light, with the Gaussian of section III-H over pixels with the same id,\n",
-"// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or\n",
-"// if its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the\n",
-"// weight. Light groups get the weights of R, so that they add up to R.\n",
+"// Smooths R, or another layer of light, with the normalised Gaussian of section III-H over pixels with the same\n",
+"// id. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or if its\n",
+"// R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the weight.\n",
+"// Light groups get the weights of R, so that they add up to R.\n",
 "uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface\n",
 "uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R\n",
 "uniform bool is_group;       // true: `layer` is a light group\n",
@@ -20518,9 +20532,10 @@ static const char *const sbl__glsl_resolve[] = {
 "                                        // surface\n",
 "const float SBL_OTHER_ID = 0.01;        // if no pixel has the sample's id, the weight is this + cosine of normals\n",
 "\n",
-"// Returns light at the sample. Uses those of the four nearest pixels that belong to its surface; if their weight\n",
-"// is too small, pixels with its id within SBL_REACH; if none has its id, all surfaces within SBL_REACH; if there\n",
-"// are none, returns 0. light: R or another light at pixel centres\n",
+"// Returns the light at the sample: a weighted mean over those of the four nearest pixels that belong to the\n",
+"// sample's surface. If the sum of their weights is too small, takes the mean over the pixels within SBL_REACH\n",
+"// that have the sample's id; if no pixel has this id, over all pixels within SBL_REACH that show a surface.\n",
+"// Returns 0 if there are none. light: R or another light at pixel centres\n",
 "vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -20591,7 +20606,7 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(u[1] - 0.5);
 }
 
-/* one anti-aliasing sample, of all pixels */
+/* One anti-aliasing sample of every pixel, as input of resolve.glsl */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *emission;          /* emission of the sample */
@@ -21032,7 +21047,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
 /* ======================================================================================================== >>work
    The common parts of all front ends. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
-   get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
+   and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
+   one table. */
 
 /* Memory that a map will need, in bytes, on GPU and host together. [0]: during refinement, [1]: afterwards */
 typedef struct sbl__need {
@@ -21073,7 +21089,7 @@ typedef struct sbl__front_end {
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
     int stage_count;
-    /* Returns the statistic for the seconds of the current stage, or NULL. */
+    /* Returns the field of sbl_stats to which the duration of the current stage is added, in seconds, or NULL. */
     double *(*seconds)(const void *work);
     float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1; only >>map includes the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
@@ -21183,7 +21199,8 @@ static double sbl__work_measured(const sbl__work *w, int sense) {
     return w->stages.at ? (double)sbl__job_progress(&w->core->job) * w->task.site_count : 0;
 }
 
-/* the `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure */
+/* The function sbl__front_end.seconds of front ends whose stage 0 is sbl__work_prepare and whose other stages measure
+   light */
 static double *sbl__work_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
     return w->stages.stage ? &w->core->stats.seconds.gather : &w->core->stats.seconds.surface;
@@ -21279,8 +21296,8 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
-                                     the store. A root, because most sensors are at edges. The time was 0.5 to 2 times
-                                     this in most of 60 random rooms */
+                                     the store. The time grows with the square root because most sensors are at
+                                     edges. It was 0.5 to 2 times this estimate in most of 60 random rooms */
 #define SBL__MAP_LOOKS 0.7        /* typical number of looks per pixel, for work that does not fill the store */
 #define SBL__MAP_SPENT 0.6        /* each second of refinement reduces the rest of the typical time by this many
                                      seconds, because refinement that lasts is longer than typical */
@@ -21336,8 +21353,8 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     measurement->looks = SBL__MAX(measurement->looks * sbl__look_rays(d->target_error) / measurement->look_rays, 1);
     if (window.size[0] <= most && window.size[1] <= most) return SBL_SUCCESS;
-    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
-             "textures are at most %d across", where, window.size[0], window.size[1], most);
+    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: with margins, the picture has %d x %d pixels; "
+             "this driver's textures are at most %d across", where, window.size[0], window.size[1], most);
     return SBL_ERROR_UNSUPPORTED;
 }
 
@@ -21532,8 +21549,8 @@ static size_t sbl__map_shown(const sbl__map *m, size_t i) {
     return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
 }
 
-/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse is under way, after which they are
-   read again. */
+/* Deletes the textures of the G-buffer that only refinement reads. During a glimpse, keeps them, because the refinement
+   after the glimpse reads them again. */
 static sbl_result sbl__map_trim(sbl__map *m) {
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
     return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
@@ -22050,8 +22067,8 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission, unless the host has set it, at first with R in place of the light in
-   lobes. */
+/* Unless the host has set the mean of FINAL without emission, estimates it. R takes the place of the light in lobes,
+   which is not known yet. */
 static void sbl__reflections_set_mean(sbl__reflections *f) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
     int k;
@@ -22203,9 +22220,10 @@ static void sbl__picture_offset(const sbl__picture *p, float out[2]) {
     sbl__sample_offset(p->resolved, one ? 1 : p->samples, out);
 }
 
-/* Adds the memory that a picture needs beyond a map: triangles and depth of surfaces, and lobes. After refinement: the
-   surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of the memory for DEVELOP
-   and for samples: sums and, except for the emission, the surfaces of a sample. */
+/* Adds the memory that a picture needs beyond a map. It always needs memory for the triangles and the depth of
+   surfaces, and for lobes. After refinement, it needs memory for the surfaces at pixel centres, for R, for the preview
+   that hosts may read, for reflections, and either for DEVELOP or for anti-aliasing samples, whichever takes more. The
+   samples need their sums and, except for the emission, the surfaces of one sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
@@ -22495,7 +22513,7 @@ enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__S
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, sew;            /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
+    int gutter, even_seams;     /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
@@ -22528,10 +22546,10 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* Adds the memory that a lightmap needs beyond a map: the atlas in host and GPU memory, and the light of further
-   layers; after refinement, the surfaces of texels, the filtered light of R and of the current layer, the unfiltered
-   light of R, and the memory for DEVELOP; the gutters; for each layer, the result, with light groups also in host
-   memory; the mean of supersampled texels; and, during refinement, further textures of sensors. */
+/* Adds the memory that a lightmap needs beyond a map. It always needs the atlas in host and GPU memory, and the light
+   of further layers. After refinement, it needs the surfaces of texels, the filtered light of R and of the current
+   layer, the unfiltered light of R, the memory for DEVELOP, the gutters, the result of each layer (with light groups
+   also in host memory), and the mean of supersampled texels. During refinement, sensors need further textures. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
@@ -22559,7 +22577,7 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = d.window[2] ? 0 : SBL__MAX(d.gutter, 0);
-    l->sew = d.seams >= 0;
+    l->even_seams = d.seams >= 0;
     if (m->across > 1) {
         m->shown = (int *)sbl__alloc(base, (size_t)m->size[0] * (size_t)m->size[1], sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
@@ -22690,7 +22708,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__seams *s = &l->seams;
     sbl_result result;
-    if (!l->gutter || !l->sew) return SBL_SUCCESS;
+    if (!l->gutter || !l->even_seams) return SBL_SUCCESS;
     result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
     if (!l->map.layer) sbl__seams_report(s, (double)sbl__refine_luminance(&l->map.refine), &l->map.work.core->stats);
     return result;
@@ -23143,15 +23161,15 @@ static const sbl__front_end sbl__readings_front_end = {
                                            row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
-/* SITES to TAKE are repeated for each job; SPREAD and MEAN for each ring of unknowns around those with light; NEXT
-   returns to SOLVE for each light group. */
+/* The stages SITES to TAKE are repeated for each job. SPREAD and MEAN are repeated for each ring of unknowns around
+   those with light. NEXT returns to SOLVE for each light group. */
 #define SBL__VERTICES_STAGES(X) \
     X(SBL__VERTICES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
     X(SBL__VERTICES_FACES, NULL, sbl__vertices_face, sbl__vertices_triangles, NULL) \
     X(SBL__VERTICES_WELD, NULL, sbl__vertices_weld, sbl__vertices_count, NULL) \
     X(SBL__VERTICES_SIDES, NULL, sbl__vertices_sides, sbl__vertices_triangles, NULL) \
     X(SBL__VERTICES_SETUP, sbl__vertices_setup, NULL, NULL, sbl__vertices_next_job) \
-    X(SBL__VERTICES_SITES, NULL, sbl__vertices_ask, sbl__work_site_count, NULL) \
+    X(SBL__VERTICES_SITES, NULL, sbl__vertices_site, sbl__work_site_count, NULL) \
     X(SBL__VERTICES_SENSE, sbl__work_sense, NULL, NULL, NULL) \
     X(SBL__VERTICES_TAKE, NULL, sbl__vertices_take, sbl__work_site_count, sbl__vertices_next_job) \
     X(SBL__VERTICES_MASS, NULL, sbl__vertices_mass, sbl__vertices_triangles, NULL) \
@@ -23444,8 +23462,8 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *cursor to the next point, except cursor->number, which remains the number of the point. */
-static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
+   advances *cursor to the next point. Only cursor->number stays behind: it becomes the number of the returned point. */
+static int sbl__vertices_advance(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
     sbl__vertices_point(cursor->point, weights);
     cursor->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !cursor->point
@@ -23460,11 +23478,11 @@ static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_cursor *cursor, do
                                             meshes: 2^32 divided by the golden ratio, which keeps the numbers of many
                                             meshes apart */
 
-static sbl_result sbl__vertices_ask(void *work, int site) {
+static sbl_result sbl__vertices_site(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl_site point;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, &s->next_site, h);
+    const int triangle = sbl__vertices_advance(s, &s->next_site, h);
     const sbl__vertices_part *part = &s->parts[s->part];
     const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
     sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
@@ -23484,7 +23502,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, &s->next_reading, h);
+    const int triangle = sbl__vertices_advance(s, &s->next_reading, h);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
     float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);
@@ -24444,7 +24462,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        /* the outputs of lamps lie behind the outputs of rays, but are taken first */
+        /* The entries for lamps follow those for rays in `data`, but are taken first. */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
@@ -24473,7 +24491,8 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
-        sbl__mistake(&check, "pixel %d %d lies outside of the picture's %d x %d", x, y, m->size[0], m->size[1]);
+        sbl__mistake(&check, "pixel %d %d lies outside of the picture, which has %d x %d pixels", x, y, m->size[0],
+                     m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
@@ -24714,7 +24733,7 @@ static EGLint sbl__egl_error(void) {
 /* Logs that the library's own context cannot be made current, and returns SBL_ERROR_STATE. */
 static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "%s: the headless context cannot be made current, because a GL "
-             "context of another interface, such as GLX, is current in this thread; release that one before "
+             "context of another interface, such as GLX, is current in this thread; release that context before "
              "(glXMakeCurrent(display, None, NULL)), or set get_gl_function in sbl_context_desc (glXGetProcAddress), "
              "so that sbl.h works in it", function);
     return SBL_ERROR_STATE;
@@ -24924,8 +24943,9 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
         c->inside = SBL__INSIDE_REFUSAL;
         if (inside != SBL__INSIDE_REFUSAL &&  /* a logger that calls the function again must not cause a recursion */
             sbl__first_refusal(c, function))
-            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
-                        "callback return first (progress: return nonzero to cancel)");
+            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "a callback must not call this function during work; "
+                        "call it after the callback has returned (to cancel the work, return nonzero from the progress "
+                        "callback)");
         c->inside = inside;
         return SBL_ERROR_STATE;
     }
@@ -24981,8 +25001,9 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, for compile_ahead. Does not compile variants with SBL__INSPECT,
-   SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS, SBL__MIRRORS_BLUR or light groups. */
+/* Compiles programs before the first use, for compile_ahead. Leaves out sbl__recipe_cast_metal, and the variants of
+   other programs with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS,
+   SBL__MIRRORS_BLUR or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
@@ -25007,7 +25028,7 @@ static sbl_result sbl__compile_all(sbl__device *d) {
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
-    /* if a canary shows that the struct was not zeroed, its logger and allocator may be no functions */
+    /* If a canary shows that the host did not zero the struct, its logger and allocator may be invalid pointers. */
     const int zeroed = !desc || (!desc->start_canary && !desc->end_canary);
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     const sbl_context_desc defaults = sbl_context_desc_defaults(NULL);
@@ -25093,7 +25114,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     snprintf(check.where, sizeof check.where, "%s", function);
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lamps.light_count;
     check.base = &c->core.base;
-    if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
+    if (count != has) sbl__mistake(&check, "%d %s are given, but the scene has %d %s", count, what, has, what);
     for (i = 0; i < count && count == has; i++) {
         if (desc->materials) sbl__check_material(&check, desc, i);
         else sbl__check_light(&check, &desc->lights[i], i, desc->light_groups);
@@ -25158,7 +25179,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
-        sbl__mistake(&check, "mesh is %d; the scene has %d", mesh, c->core.scene.geometry.mesh_count);
+        sbl__mistake(&check, "mesh is %d; the scene has %d meshes", mesh, c->core.scene.geometry.mesh_count);
     if (!transform) sbl__mistake(&check, "transform is NULL");
     sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", mesh);
     if (transform) sbl__check_transform(&check, transform);

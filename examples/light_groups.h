@@ -25,7 +25,7 @@ static int groups__add(light_groups *g, const char *name, size_t length, const c
     }
     for (i = 0; i < g->list.count; i++)
         if (strlen(g->list.names[i]) == length && strncmp(g->list.names[i], name, length) == 0) {
-            snprintf(g->error, sizeof g->error, "there are two groups %s", g->list.names[i]);
+            snprintf(g->error, sizeof g->error, "two groups have the name %s", g->list.names[i]);
             return 0;
         }
     if (g->list.count >= SBL_MAX_LIGHT_GROUPS) {

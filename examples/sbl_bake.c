@@ -386,14 +386,15 @@ static int parse(int argc, char **argv) {
     if (given[SHADOW_MASK] && backends[common.backend] == SBL_BACKEND_RASTER)
         return misuse("--shadow-mask needs rays; leave out --backend raster");
     if (given[CUBEMAPS] && given[PART])
-        return misuse("--part joins no cube maps; give each machine a LIST of its own with --cubemaps");
+        return misuse("--part does not divide cube maps; give each machine a LIST of its own with --cubemaps");
     if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[CUBEMAPS]))
         return misuse("--light-groups does not work with %s", given[DIRECTIONAL] ? "--directional" : "--cubemaps");
     if (given[LIGHT_GROUPS] && !groups_read(&groups, options.light_groups))
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
-    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (given[JOIN] && given[PART]) return misuse("--join joins the parts that --part has made; give only one of them");
-    if (given[JOIN] && given[RESUME]) return misuse("--resume goes on baking, and --join bakes nothing; give only one");
+    if (given[JOIN] && given[RESUME])
+        return misuse("--resume continues a bake, and --join bakes nothing; give only one of them");
     if (given[VERTICES] && !ends_with(common.output, ".ply") && !ends_with(common.output, ".gltf"))
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
     if (given[PROBES] && !ends_with(common.output, ".json"))
@@ -403,10 +404,10 @@ static int parse(int argc, char **argv) {
     if (status != DONE) return status;
     common_note(given, table);
     if (given[LIGHTMAP] || given[CUBEMAPS]) common_note_refinement(given, table, TARGET_ERROR);
-    note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
+    note_if(given[AVERAGE], given, table, SMOOTHING, "--average does not use slopes");
     note_if(given[PART], given, table, GUTTER, "--join makes the gutters");
     note_if(given[PART], given, table, FORMATS, "a part is an .exr of 32-bit floats; --join writes the formats");
-    note_if(given[PART], given, table, LIT, "--join makes it");
+    note_if(given[PART], given, table, LIT, "--join writes scene_lit.glb");
     note_if(given[PART] || !writes_lit(), given, table, LIT_EXPOSURE, "scene_lit.glb is not written");
     note_if(given[JOIN], given, table, STORE, "--join measures no light");
     if (given[JOIN]) common.store = NULL;

@@ -12,9 +12,10 @@ enum {
     CUBEMAP_JSON = OWN_TARGETS, CUBEMAP_KTX2, CUBEMAP_EXR
 };
 
-/* Histograms of the surfaces on one side of a probe that are perpendicular to this axis, by their distance from the
-   probe as a share of the distance to the bounds. solid: their solid angle, 1 being a texel in the middle of a face;
-   sum: the same times their coordinate. The wall of the room is where they fill the largest solid angle. */
+/* Histograms of the surfaces on one side of a probe (+x -x +y -y +z -z) that are perpendicular to the axis of this
+   side, by their distance from the probe as a share of the distance to the bounds. solid: their solid angle, 1 being a
+   texel in the middle of a face; sum: the same times their coordinate on the axis. The wall of the room is where the
+   surfaces fill the largest solid angle. */
 typedef struct cube_wall { double solid[CUBEMAP_BINS + 1], sum[CUBEMAP_BINS + 1]; } cube_wall;
 
 /* The facts about a probe in the .json. The walls are in the order of cube_names. */

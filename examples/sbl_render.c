@@ -71,7 +71,7 @@ static const tool_option table[OPTION_COUNT] = {
                   "radiance_error    the same, always of R\n"
                   "display           final with exposure and --tone, as in a .png of final\n"
                   "specular          mean radiance in the lobe of a reflection\n"
-                  "specular_albedo   final contains specular times specular_albedo",
+                  "specular_albedo   albedo of this lobe: specular times specular_albedo is a part of final",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided "
@@ -203,7 +203,7 @@ static void note_effects(void) {
         note_if(needs_no_light(channel), given, table, of_light[i], "the channel shows no light");
     if (!needs_no_light(channel)) {
         common_note(given, table);
-        note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
+        note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold sets the quality");
         if (!paper) common_note_refinement(given, table, TARGET_ERROR);
     }
     note_if(given[STUDIO], given, table, LIGHT_SCALE, "--studio replaces the lights of the file");
@@ -221,7 +221,7 @@ static void note_effects(void) {
 /* Reads the value of --part and checks the options that go with it. Returns the exit status. */
 static int parse_part(void) {
     int status;
-    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (!given[PART]) return DONE;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
     if (given[INSPECT]) return misuse("--inspect draws a sensor, which has no parts; leave out --part");
@@ -303,8 +303,7 @@ static int find_targets(int checked) {
 }
 
 /* Checks the files of all frames and lists those of the first frame. If the scene has not been read yet, also checks
-   that they can be written. file: the scene, or NULL if it has not been read
-   yet. Returns the exit status. */
+   that they can be written. file: the scene, or NULL if it has not been read yet. Returns the exit status. */
 static int check_frames(scene_file *file) {
     char folder[PATH_MAX + 16];
     int n, status = DONE;
@@ -473,9 +472,9 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
                                                                                                 : CELLS_MAX);
         snprintf(out, size, "stored light limits it%s%s", smaller, more);
     } else if (!given[TARGET_ERROR])
-        snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",
+        snprintf(out, size, "the default limit of rays per sensor was reached; --target-error %g%% allows more",
                  100 * target);
-    else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
+    else snprintf(out, size, "the maximum number of rays per sensor was reached; a larger --filter-radius would help");
 }
 
 /* Warns if the target was missed. The error of the light and the error of the reflections are each held to the target;
@@ -489,7 +488,7 @@ static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     if (!(target > 0) || !(larger > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
     if (expected > 1) return;  /* the picture is black: errors are relative to its mean, which is almost 0 */
     advise(s, help, sizeof help);
-    warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
+    warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked for: %s", 100 * expected, 100 * target, help);
 }
 
 /* Prints a note if a backdrop fills more than a tenth of the picture. */
@@ -597,7 +596,8 @@ static int render_whole(shot *s, double *seconds) {
 
 /* ---- large pictures, rendered in windows ---- */
 
-/* Sets the facts that all parts of this picture share, except mean and exposure. */
+/* Sets the facts that all parts of this picture share, except the mean, the price and the exposure, which look_at_whole
+   finds. */
 static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    SIZE, EYE, LOOK_AT, UP, FOV, CAMERAS, FRAMES, FPS, CHANNEL, WINDOW, PART, PLAN,
@@ -691,8 +691,8 @@ static int render_windows(shot *s, double *seconds) {
     return DONE;
 }
 
-/* Decides which region is rendered, divides it into windows, and finds the mean and exposure of the full picture.
-   Returns the exit status. */
+/* Decides which region is rendered, divides it into windows, and finds the mean, the price and the exposure of the full
+   picture. Returns the exit status. */
 static int divide(shot *s) {
     windows *w = &s->windows;
     w->noun = "picture";

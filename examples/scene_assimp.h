@@ -479,7 +479,7 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
     if (has[SCENE__SPECULAR] && !out->specular_texture) scene__make_matte(out);
     if (has[SCENE__TRANSMISSION] && !out->transmission_texture) out->transmission = 0;
     if (out->normal_texture && scene__is_grey(&r->pictures.textures[out->normal_texture - 1])) {
-        scene__warn(r->file, "texture %s is grey, so it is no normal map; its material is shown without it",
+        scene__warn(r->file, "texture %s is grey, so it is not a normal map; its material is shown without it",
                     all[SCENE__NORMAL].name.data);
         out->normal_texture = 0;
     }
@@ -982,7 +982,7 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Returns 1 if a scale of 0 makes what is in a node flat, which sbl_mesh.transform does not allow. */
+/* Returns 1 if a scale of 0 makes the meshes of a node flat, which sbl_mesh.transform does not allow. */
 static int scene__is_flat(const scene__node *at) {
     float m[12];
     double determinant = 0;

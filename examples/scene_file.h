@@ -125,7 +125,8 @@ typedef struct scene_file_options {
     X(EXTENSION, "material", "materials", "further material extensions, such as iridescence, are ignored") \
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \
     X(AREA, "light", "lights", "area lights and ambient lights are left out") \
-    X(CAMERA, "camera", "cameras", "orthographic cameras are not used, and the file has no other: a view was chosen") \
+    X(CAMERA, "camera", "cameras", "orthographic cameras are not used, and the file has no other: the tool chose a " \
+        "view") \
     X(LINES, "mesh", "meshes", "lines and points are left out") \
     X(CORNERS, "triangle", "triangles", "triangles with missing corners are left out: an index is too large, or the " \
         "number of indices is wrong") \

@@ -399,7 +399,7 @@ static void scene__check_required(scene_file *file, const cJSON *required) {
 static void scene__check_extensions(scene_file *file, const cJSON *root) {
     static const char *const refused[] = { "EXT_meshopt_compression", "KHR_meshopt_compression" };
     static const char *const ignored[][2] = {
-        { "EXT_mesh_gpu_instancing", "each of its meshes stands only once" },
+        { "EXT_mesh_gpu_instancing", "only one copy of each of its meshes is shown" },
         { "KHR_node_visibility", "hidden nodes are shown" } };
     const cJSON *required = scene__item(root, "extensionsRequired"), *used = scene__item(root, "extensionsUsed");
     size_t i;

@@ -54,8 +54,8 @@ static int scene__trust_map(const scene_file *file, int mesh) {
            isfinite(p->scale[0] + p->scale[1] + p->offset[0] + p->offset[1]);
 }
 
-/* Returns 1 if everything is valid. Fields that the converter never sets become 0. capacity: the size of the pages, as
-   the parent knows it */
+/* Returns 1 if the arrays and the names are inside the pages, and counts and units are in their ranges. Fields that the
+   converter never sets become 0. capacity: the size of the pages, as the parent knows it */
 static int scene__trust(scene_file *file, size_t capacity) {
     const sbl_scene_desc in = file->scene;
     sbl_scene_desc *out = &file->scene;
@@ -78,6 +78,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
         !scene__holds(file, in.materials, in.material_count, sizeof *in.materials) ||
         !scene__holds(file, in.textures, in.texture_count, sizeof *in.textures) ||
         !scene__holds(file, in.lights, in.light_count, sizeof *in.lights) ||
+        !scene__holds(file, file->light_names, in.light_count, sizeof *file->light_names) ||
         !scene__holds(file, file->frames, file->frame_count, sizeof *file->frames) ||
         !scene__holds(file, file->maps, in.mesh_count, sizeof *file->maps) ||
         !scene__holds(file, file->places, in.mesh_count, sizeof *file->places) ||
@@ -89,6 +90,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
     for (i = 0; i < in.mesh_count; i++)
         if (!scene__trust_mesh(file, (sbl_mesh *)(uintptr_t)&in.meshes[i]) ||
             !scene__trust_name(file, file->names[i]) || !scene__trust_map(file, i)) return 0;
+    for (i = 0; i < in.light_count; i++) if (!scene__trust_name(file, file->light_names[i])) return 0;
     for (i = 0; i < in.texture_count; i++)
         if (!scene__trust_texture(file, (sbl_texture *)(uintptr_t)&in.textures[i])) return 0;
     return !in.environment.picture.pixels || scene__trust_texture(file, &out->environment.picture);

@@ -92,7 +92,7 @@ static inline void camera_check(const scene_file *file) {
     camera_view unused;
     if (file->has_camera && !camera_take(&file->camera, &unused))
         warn("%s: the camera of the file is not used, because its field of view (%.3g degrees) is not between 1 and "
-             "179 degrees, or its place is too far away: a view was chosen", common.scene,
+             "179 degrees, or its position is too far away; the tool chose a view", common.scene,
              (double)(file->camera.fov_y > 0 ? file->camera.fov_y : file->camera.fov_x));
 }
 

@@ -112,14 +112,15 @@ static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
     cJSON_ArrayForEach(child, item) {
         for (key = 0; key < FRAME__KEYS && strcmp(child->string, frames__keys[key].name) != 0; key++) continue;
         if (key == FRAME__KEYS)
-            return frames__refuse(number, child->string, "is no key of a camera; remove it (see --help all)");
+            return frames__refuse(number, child->string, "is not a key of a camera; remove it (see --help all)");
         if (v->has[key]++) return frames__refuse(number, child->string, "is given twice; remove one of them");
         snprintf(words, sizeof words, "must be %s", frames__keys[key].words);
         if (!frames__numbers(child, key, v->numbers[key])) return frames__refuse(number, child->string, words);
     }
     for (key = FRAME__EYE; key <= FRAME__UP; key++) {
         if (v->has[FRAME__MATRIX] && v->has[key])
-            return frames__refuse(number, frames__keys[key].name, "excludes \"camera_to_world\"; remove one of them");
+            return frames__refuse(number, frames__keys[key].name,
+                                  "cannot be combined with \"camera_to_world\"; remove one of them");
         if (!v->has[FRAME__MATRIX] && !v->has[key] && key != FRAME__UP)
             return frames__refuse(number, frames__keys[key].name, "is missing");
     }
@@ -154,8 +155,8 @@ static int frames__read_camera(const cJSON *item, int number, frame_camera *out)
         const double length = sqrt(m[8] * m[8] + m[9] * m[9] + m[10] * m[10]);
         const double distance = 1 + fabs(m[12]) + fabs(m[13]) + fabs(m[14]);
         if (!frames__is_camera(m))
-            return frames__refuse(number, "camera_to_world", "must turn and move: axes at right angles, not mirrored, "
-                                  "and 0, 0, 0, 1 as the last row");
+            return frames__refuse(number, "camera_to_world", "must be a rotation and a translation: axes at right "
+                                  "angles, not mirrored, and 0, 0, 0, 1 as the last row");
         for (k = 0; k < 3; k++) {
             v.numbers[FRAME__EYE][k] = m[12 + k];
             v.numbers[FRAME__LOOK_AT][k] = m[12 + k] - distance * m[8 + k] / length;
@@ -203,7 +204,7 @@ static int frames__parse(const char *text, size_t size) {
     cJSON *root = strlen(text) == size ? cJSON_ParseWithLengthOpts(text, size + 1, &end, 1) : NULL;
     if (!root) {
         for (c = text; c < end && *c; c++) line += *c == '\n';
-        return fail("--cameras %s: line %d is no valid JSON", frames.file, line);
+        return fail("--cameras %s: line %d is not valid JSON", frames.file, line);
     }
     status = frames__read_list(root);
     cJSON_Delete(root);

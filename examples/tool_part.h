@@ -56,7 +56,8 @@ static int plan_part(part_choice *part) {
             if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
             k = strtol(value, &end, 10);
             if (*end || k < plan_variables[i].first || k > INT_MAX)
-                return misuse("--part %s: %s is %s, which is no number of a part", text, plan_variables[i].name, value);
+                return misuse("--part %s: %s is %s, which is not the number of a part", text, plan_variables[i].name,
+                              value);
             k += 1 - plan_variables[i].first;
         }
         if (!value)

@@ -299,7 +299,7 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
     if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
-        status = fail("%s: it is no plan of parts", name);
+        status = fail("%s: it is not a plan of parts", name);
     for (i = 0; i < FACT_PART && valid && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
         const char *value = line + length + 1;

@@ -322,9 +322,9 @@ static inline void common_note(const int *given, const tool_option *table) {
 /* Notes options without effect on pictures and lightmaps. target_error: index of that option in the table */
 static inline void common_note_refinement(const int *given, const tool_option *table, int target_error) {
     note_if(common.tile == 1, given, table, THRESHOLD, "--tile 1 has a sensor at every pixel");
-    note_if(given[RAYS] && common.tile == 1, given, table, target_error, "--rays and --tile decide");
+    note_if(given[RAYS] && common.tile == 1, given, table, target_error, "--rays and --tile set the quality");
     note_if(given[RAYS] && given[THRESHOLD] && common.tile != 1, given, table, target_error,
-            "--rays and --threshold decide");
+            "--rays and --threshold set the quality");
 }
 
 /* ---- converting options for sbl.h ---- */
@@ -575,7 +575,7 @@ static int load_store(tool_task *task, const int *given) {
     if (result != SBL_SUCCESS)
         return fail("--store %s: %s; --store-replace replaces it, another FILE keeps it", name, said->store);
     if (said->store_item && !given[QUIET])
-        warn("--store %s: %s; it is used as it is; --store-replace makes it anew", name, said->store);
+        warn("--store %s: %s; it is used as it is; --store-replace makes new light", name, said->store);
     return DONE;
 }
 

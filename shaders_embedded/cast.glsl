@@ -3,7 +3,7 @@
 // position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the
 // scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early
 SBL_OUT(0, out_position);
-// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
+// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
 #ifdef SBL_BOUNCED  // the scene has metal
 // rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal

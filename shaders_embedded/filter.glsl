@@ -1,7 +1,7 @@
-// Smooths R, or another layer of light, with the Gaussian of section III-H over pixels with the same id,
-// normalised. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or
-// if its R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the
-// weight. Light groups get the weights of R, so that they add up to R.
+// Smooths R, or another layer of light, with the normalised Gaussian of section III-H over pixels with the same
+// id. If geometry_aware is 1, a pixel has less weight if its normal or its plane differs (sbl_belongs), or if its
+// R differs by more than noise explains. A difference of harmonics beyond their noise always reduces the weight.
+// Light groups get the weights of R, so that they add up to R.
 uniform sampler2D radiance;  // rgb: R (irradiance / pi); a: its noise, above 0 where the pixel shows a surface
 uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, to smooth instead of R
 uniform bool is_group;       // true: `layer` is a light group

@@ -18,7 +18,7 @@ const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, 
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
     uint kind;
-    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid
+    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: (radiance above sky_limit) * solid
                                // angle; light: irradiance of a surface at the sensor that faces the light
     vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the
                                // centre
@@ -227,8 +227,8 @@ sbl_Cluster sbl_cluster(int node) {
     return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));
 }
 
-// Returns the approximate light / unit of an unobstructed cluster; 0 only if the sensor gets no light from its
-// lamps.
+// Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster
+// gives the sensor any light.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
@@ -285,7 +285,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-        // keeps away from the edges, so that the ray does not miss the triangle by rounding
+        // Moves the point a little away from the edges, so that rounding does not make the ray miss the triangle.
         float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
         float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);
         s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));

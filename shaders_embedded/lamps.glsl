@@ -40,8 +40,9 @@ const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for 
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
-const float SBL_SPARSE = 4.0;       // with fewer rays to the lamps of one facing, a part does not use the ratio
-                                    // seen / open for these `sparse` lamps
+const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one
+                                    // facing does not use the ratio seen / open for these lamps, because
+                                    // the ratio of few rays is biased
 #else
 const float SBL_SPARSE = 16.0;
 #endif
@@ -57,7 +58,8 @@ const float SBL_RIM_AT = 0.99;      // fraction of a round lamp's area inside th
 #ifdef SBL_LOBE
 const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor for picking lamps without a closed form
 #endif
-const float SBL_KNOWN = 1e-6;       // clusters get no more rays if (variance / squared light) is below this
+const float SBL_KNOWN = 1e-6;       // clusters need no more rays if (variance of their light) / (squared light)
+                                    // is at most this
 
 int look;                    // the look that is measured: its index in the batch
 uvec2 scramble;
@@ -74,8 +76,9 @@ uniform float extent;           // scene extent in world units: unit of the view
 const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
 const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden compares for one ray
 
-// Returns true if the views show a surface in front of the sample, or do not cover its direction. Compares depths
-// at a texel's centre; if the centre's direction misses the lamp's triangle, tries a point closer to its middle.
+// Returns true if the views show a surface in front of the sample, or do not cover the sample's direction.
+// Compares depths at a texel's centre. If the direction of that centre misses the lamp's triangle, compares again
+// at a point closer to the middle of the triangle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float rotation = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
@@ -299,13 +302,14 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.chance;
 #endif
-    vec4 counts = vec4(0);
+    vec4 to_harmonics = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;
     vec3 either = light + unhindered;
     if (!(either.r + either.g + either.b > 0.0)) return;
-    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
+    if (directional)
+        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
-        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
+        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);
         open += outerProduct(unhindered, l.facing);
         sbl_add_layers(open_layers, l, unhindered);
         samples += l.facing;
@@ -339,7 +343,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     light *= filtered;
     unhindered *= filtered;
     if (reporting && !point) report.rgb = light;
-    mat3x4 harmonics = outerProduct(counts, light);
+    mat3x4 harmonics = outerProduct(to_harmonics, light);
     if (directional && point) sure_harmonics += harmonics;
     else if (directional && cluster) sampled_harmonics += harmonics;
     else if (directional) seen_harmonics[l.facing.y > 0.0 ? 1 : 0] += harmonics;

@@ -22,8 +22,8 @@ void main() {
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
             vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
-            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));
-            harmonics += outerProduct(counts, weight.x * texel.rgb);
+            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));
+            harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);
             float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;
             float length_to_hit = abs(texel.a) * weight.y;
             back += texel.a < 0.0 ? seen : 0.0;

@@ -1,13 +1,13 @@
-// The two rays that continue a path where a ray hits a surface: a ray to a lamp, and the next segment. trace.glsl
-// traces them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the
-// rays); cast.glsl traces them where sbl_shines is true, as for metal.
+// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces
+// them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the rays).
+// cast.glsl traces them only where sbl_shines is true, for example on metal.
 
 #ifdef SBL_SPECULAR
-// A surface that shines (see sbl_shines) gets at least the roughness SBL_BLURRED. For rays of a look's lobe
-// (SBL_LOBE), the minimum is SBL_BLURRED_LOBE times the roughness of that lobe. This blurs the light of lamps
-// that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan and Dachsbacher 2013,
-// "Path Space Regularization for Holistic and Robust Light Transport"). For all other rays, gloss gets at least
-// SBL_BLURRED_GLOSS instead of SBL_BLURRED: its highlights are fainter, so that less blur hides the specks.
+// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs
+// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan
+// and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport"). The highlights of
+// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum
+// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS

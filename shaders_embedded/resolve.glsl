@@ -30,9 +30,10 @@ const float SBL_SAME_ID = 1e-3;         // weight of a pixel that has the same i
                                         // surface
 const float SBL_OTHER_ID = 0.01;        // if no pixel has the sample's id, the weight is this + cosine of normals
 
-// Returns light at the sample. Uses those of the four nearest pixels that belong to its surface; if their weight
-// is too small, pixels with its id within SBL_REACH; if none has its id, all surfaces within SBL_REACH; if there
-// are none, returns 0. light: R or another light at pixel centres
+// Returns the light at the sample: a weighted mean over those of the four nearest pixels that belong to the
+// sample's surface. If the sum of their weights is too small, takes the mean over the pixels within SBL_REACH
+// that have the sample's id; if no pixel has this id, over all pixels within SBL_REACH that show a surface.
+// Returns 0 if there are none. light: R or another light at pixel centres
 vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
     ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;

@@ -6,7 +6,8 @@
 // out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
-uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
+uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the
+                                      // rays of the other invocations: 1: pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
@@ -262,9 +263,9 @@ void main() {
             if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;
 #endif
         }
-        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
-        harmonics += outerProduct(counts, sum.rgb - before);
-        even -= weight * counts;
+        vec4 to_harmonics = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
+        harmonics += outerProduct(to_harmonics, sum.rgb - before);
+        even -= weight * to_harmonics;
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;

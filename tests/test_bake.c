@@ -452,7 +452,7 @@ TEST(groups_have_maps) {
     free(atlas.values); free(lamp.values); free(sky.values); free(rest.values); free(alone.values);
     CHECK(TOOL("room.gltf", DIRECT, "--light-groups", "rest=nothing,lamp=*", "-o", "groups") == 0, "%s", ran.err);
     REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
-    REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
+    REFUSED(2, "two groups have the name a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
     REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
     REFUSED(2, "does not work with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o",
             "new");

@@ -1620,7 +1620,7 @@ TEST(substitutions_are_named) {
             "\"target\":{\"node\":0,\"path\":\"translation\"}}]}]");
     TOOL("squares.gltf", "--materials", "matte", SQUARES);
     check_warnings("squares.gltf", gltf_lines, 15);
-    lines[0] = "texture grey.png is grey, so it is no normal map; its material is shown without it";
+    lines[0] = "texture grey.png is grey, so it is not a normal map; its material is shown without it";
     for (i = 1; i < 4; i++) lines[i] = gltf_lines[i + 1];  /* without metal and gloss */
     lines[i++] = "strength and colour of reflections (KHR_materials_specular) are ignored (2 materials)";
     lines[i++] = gloss_lines[0];                           /* one of two panes is thick */
@@ -1651,7 +1651,8 @@ TEST(substitutions_are_named) {
 /* Files whose meshes assimp would misread are refused. What is dropped is named, and does not stop the rest. */
 TEST(dropped_parts_of_gltf_are_named) {
     static const char *const refused[] = { "EXT_meshopt_compression", "KHR_meshopt_compression" };
-    static const char *const lines[] = { "EXT_mesh_gpu_instancing is ignored: each of its meshes stands only once",
+    static const char *const lines[] = {
+        "EXT_mesh_gpu_instancing is ignored: only one copy of each of its meshes is shown",
         "KHR_node_visibility is ignored: hidden nodes are shown",
         "nodes whose scale is 0 along an axis are left out (1 node)" };
     static const char *const more_lines[] = {
@@ -1686,9 +1687,9 @@ TEST(dropped_parts_of_gltf_are_named) {
    is printed, because it changes the positions that options give. */
 TEST(cameras_and_units_are_named) {
     static const char *const lines[] = {
-        "orthographic cameras are not used, and the file has no other: a view was chosen (1 camera)" };
+        "orthographic cameras are not used, and the file has no other: the tool chose a view (1 camera)" };
     static const char *const narrow[] = { "the camera of the file is not used, because its field of view (0.573 "
-        "degrees) is not between 1 and 179 degrees, or its place is too far away: a view was chosen" };
+        "degrees) is not between 1 and 179 degrees, or its position is too far away; the tool chose a view" };
     materials_gltf(MATTE "}", "\"cameras\":[{\"type\":\"orthographic\",\"orthographic\":{\"xmag\":1,\"ymag\":1,"
                    "\"znear\":0,\"zfar\":9}}],\"nodes\":[{\"mesh\":0},{\"camera\":0}],\"scenes\":[{\"nodes\":[0,1]}]");
     TOOL("squares.gltf", SQUARES);
@@ -1884,13 +1885,15 @@ TEST(normal_maps_are_shown) {
 TEST(a_missed_target_is_said) {
     room_obj();
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-              said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked: stored light limits it; ") &&
+              said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked for: stored light limits it; ") &&
               said("--max-bounce-cells 4096 may help\n"), "stored light: exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 && said(" %, 1.5 % was asked: by default, a "
-               "sensor may measure only so often; --target-error 1.5% allows more"), "rays: exit status %d: %s",
+    CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
+              said(" %, 1.5 % was asked for: the default limit of rays per sensor was reached; --target-error 1.5% "
+                   "allows more"), "rays: exit status %d: %s",
           ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-          said("as often as they may; a larger --filter-radius"), "all rays: exit status %d: %s", ran.status, ran.err);
+              said("the maximum number of rays per sensor was reached; a larger --filter-radius"),
+          "all rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "--rays", "64", "-o", "room.pfm") == 0 && !ran.err[0],
           "--rays: exit status %d: %s", ran.status, ran.err);
@@ -1917,7 +1920,8 @@ TEST(advice_on_a_missed_target_helps) {
     target = 1.15 * json_number(text, "stored");
     REQUIRE(target > 0, "the error of stored light is %g", target);
     snprintf(asked, sizeof asked, "%.6f%%", 100 * target);
-    snprintf(expected, sizeof expected, " %.2g %% was asked: stored light limits it; --target-error ", 100 * target);
+    snprintf(expected, sizeof expected, " %.2g %% was asked for: stored light limits it; --target-error ",
+             100 * target);
     TOOL(scene, LIGHTS, "--target-error", asked);
     advice = strstr(ran.err, expected);
     REQUIRE(ran.err_lines == 1 && advice && sscanf(strstr(advice, "--"), "--target-error %15s", advised) == 1,

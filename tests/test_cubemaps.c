@@ -541,7 +541,7 @@ TEST(wrong_command_lines_are_refused) {
     REFUSED(2, "power of two", "glow.obj", "--cubemaps", "1x1x1", "--cubemap-size", "48", "-o", "no");
     REFUSED(2, "--cubemap-size needs --cubemaps", "glow.obj", "--probes", "1x1x1", "--cubemap-size", "8", "-o",
             "no.json");
-    REFUSED(2, "--part joins no cube maps", "glow.obj", "--cubemaps", "1x1x1", "--part", "1/2", "-o", "no");
+    REFUSED(2, "--part does not divide cube maps", "glow.obj", "--cubemaps", "1x1x1", "--part", "1/2", "-o", "no");
     REFUSED(2, "--resume needs --lightmap", "glow.obj", "--cubemaps", "1x1x1", "--resume", "-o", "no");
     REFUSED(2, "not a folder", "glow.obj", "--cubemaps", "1x1x1", "-o", "file");
     REFUSED(2, "--cubemaps 4096x4096x4096: the grid has 68719476736 points; at most 10000 are", "glow.obj",

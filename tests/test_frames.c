@@ -188,9 +188,9 @@ TEST(wrong_cameras_are_refused) {
 #define GOOD "{" EYE ", 'look_at': [0, 0, 0]}"
 #define TURN "'camera_to_world': [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 3, 1]"
     static const struct { const char *text, *words; } wrong[] = {
-        { "", "line 1 is no valid JSON" },
-        { "{'cameras': [" GOOD ",\n" GOOD "\n", "line 3 is no valid JSON" },
-        { "{'cameras': [" GOOD "]} more", "line 1 is no valid JSON" },
+        { "", "line 1 is not valid JSON" },
+        { "{'cameras': [" GOOD ",\n" GOOD "\n", "line 3 is not valid JSON" },
+        { "{'cameras': [" GOOD "]} more", "line 1 is not valid JSON" },
         { "[" GOOD "]", "must be an object" },
         { "{}", "must be a list" },
         { "{'cameras': []}", "must be a list" },
@@ -208,13 +208,13 @@ TEST(wrong_cameras_are_refused) {
         { "{'cameras': [{" EYE ", 'look_at': 0}]}", "camera 1: \"look_at\" must be three numbers" },
         { "{'cameras': [{" EYE ", 'look_at': [0, 0, 1e19]}]}", "camera 1: \"look_at\" must be three numbers" },
         { "{'cameras': [{" EYE ", 'look_at': [0, 0, 1e999]}]}", "camera 1: \"look_at\" must be three numbers" },
-        { "{'cameras': [{" EYE ", 'look_at': [0, 0, NaN]}]}", "line 1 is no valid JSON" },
+        { "{'cameras': [{" EYE ", 'look_at': [0, 0, NaN]}]}", "line 1 is not valid JSON" },
         { "{'cameras': [{" EYE ", " EYE ", 'look_at': [0, 0, 0]}]}", "camera 1: \"eye\" is given twice" },
-        { "{'cameras': [{" EYE ", 'look_at': [0, 0, 0], 'roll': 0}]}", "camera 1: \"roll\" is no key" },
+        { "{'cameras': [{" EYE ", 'look_at': [0, 0, 0], 'roll': 0}]}", "camera 1: \"roll\" is not a key" },
         { "{'cameras': [{" EYE ", 'look_at': [0, 0, 0], 'fov': 0}]}", "camera 1: \"fov\" must be a number from 1" },
         { "{'cameras': [{" EYE ", 'look_at': [0, 0, 0], 'fov': [40]}]}", "camera 1: \"fov\" must be a number from 1" },
-        { "{'cameras': [{" EYE ", " TURN "}]}", "camera 1: \"eye\" excludes" },
-        { "{'cameras': [{'up': [0, 1, 0], " TURN "}]}", "camera 1: \"up\" excludes" },
+        { "{'cameras': [{" EYE ", " TURN "}]}", "camera 1: \"eye\" cannot be combined" },
+        { "{'cameras': [{'up': [0, 1, 0], " TURN "}]}", "camera 1: \"up\" cannot be combined" },
         { "{'cameras': [{'camera_to_world': [1, 2]}]}", "camera 1: \"camera_to_world\" must be 16 numbers" },
         { "{'cameras': [{'camera_to_world': [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 1, 3, 1]}]}", "not mirrored" },
         { "{'cameras': [{'camera_to_world': [1, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 1, 3, 1]}]}", "right angles" },
@@ -246,10 +246,10 @@ TEST(hostile_cameras_are_refused) {
 #define HOSTILE(...) (TOOL(VIEW, "--cameras", __VA_ARGS__, "-o", "h%d.pfm") == 1 && ran.err_lines == 1)
     memset(text, '[', large);
     write_file("deep.json", text, 100000);
-    CHECK(HOSTILE("deep.json") && said("no valid JSON"), "status %d: %s", ran.status, ran.err);
+    CHECK(HOSTILE("deep.json") && said("not valid JSON"), "status %d: %s", ran.status, ran.err);
     memcpy(text, "{\"cameras\":", 11);
     write_file("deep.json", text, 100000);
-    CHECK(HOSTILE("deep.json") && said("no valid JSON"), "status %d: %s", ran.status, ran.err);
+    CHECK(HOSTILE("deep.json") && said("not valid JSON"), "status %d: %s", ran.status, ran.err);
     write_file("huge.json", text, large);
     CHECK(HOSTILE("huge.json") && said("larger than 16 MB"), "status %d: %s", ran.status, ran.err);
     for (i = 0; i + 3 < large; i += 2) memcpy(text + i, i < 100000 ? "[]" : ",0", 2);
@@ -261,11 +261,11 @@ TEST(hostile_cameras_are_refused) {
     size = strlen(whole);
     for (i = 0; i + 2 < size; i += 23) {
         write_file("cut.json", whole, i);
-        CHECK(HOSTILE("cut.json") && said("no valid JSON"), "%d bytes: status %d: %s", (int)i, ran.status, ran.err);
+        CHECK(HOSTILE("cut.json") && said("not valid JSON"), "%d bytes: status %d: %s", (int)i, ran.status, ran.err);
     }
     whole[size] = 0;
     write_file("zero.json", whole, size + 1);
-    CHECK(HOSTILE("zero.json") && said("no valid JSON"), "status %d: %s", ran.status, ran.err);
+    CHECK(HOSTILE("zero.json") && said("not valid JSON"), "status %d: %s", ran.status, ran.err);
     CHECK(mkfifo(in_folder("fifo.json"), 0666) == 0 && HOSTILE("fifo.json") && said("pipe"), "%s", ran.err);
     CHECK(HOSTILE("missing.json") && said("No such file"), "%s", ran.err);
     CHECK(HOSTILE(".") && said("directory"), "%s", ran.err);

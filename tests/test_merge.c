@@ -136,7 +136,8 @@ TEST(the_first_plan_counts) {
     read_text(in_folder("first"), after, sizeof after, &lines);
     CHECK(strcmp(before, after) == 0, "the plan was changed");
     write_text("no_plan", "something\n");
-    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "no_plan") == 1 && said("no plan"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "no_plan") == 1 && said("not a plan"), "%s",
+          ran.err);
     strstr(after, "\nend 2")[1] = 0;
     write_text("short", after);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);

@@ -377,7 +377,7 @@ TEST(invalid_parts_are_refused) {
           ran.err);
     unsetenv("SLURM_ARRAY_TASK_ID");
     setenv("JOB_COMPLETION_INDEX", "9223372036854775807", 1);
-    CANNOT("JOB_COMPLETION_INDEX is 9223372036854775807, which is no number", PROBES, "--part", "auto/3", "-o",
+    CANNOT("JOB_COMPLETION_INDEX is 9223372036854775807, which is not the number", PROBES, "--part", "auto/3", "-o",
            "no.json");
     unsetenv("JOB_COMPLETION_INDEX");
 }

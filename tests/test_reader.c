@@ -206,9 +206,11 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     const char **names = (const char **)scene__alloc(file, 1, sizeof *names);
     int *maps = (int *)scene__alloc(file, 1, sizeof *maps);
     scene_file_place *places = (scene_file_place *)scene__alloc(file, 1, sizeof *places);
+    sbl_light *light = (sbl_light *)scene__alloc(file, 1, sizeof *light);
+    const char **light_names = (const char **)scene__alloc(file, 1, sizeof *light_names);
     char *name = (char *)scene__alloc(file, 8, 1);
     (void)path; (void)bytes;
-    if (!m || !t || !names || !maps || !places || !name) return;
+    if (!m || !t || !names || !maps || !places || !light || !light_names || !name) return;
     m->positions.data = scene__alloc(file, 9, sizeof(float));
     m->lightmap_texcoords.data = scene__alloc(file, 6, sizeof(float));
     m->indices.data = scene__alloc(file, 3, sizeof(uint32_t));
@@ -217,14 +219,16 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     t->pixels = scene__alloc(file, 4, 4);
     t->width = t->height = 2;
     t->channels = 4;
-    names[0] = name;
+    names[0] = light_names[0] = name;
     file->names = names;
+    file->light_names = light_names;
     file->maps = maps;
     file->places = places;
     file->map_count = 1;
     file->scene.meshes = m;
     file->scene.textures = t;
-    file->scene.mesh_count = file->scene.texture_count = 1;
+    file->scene.lights = light;
+    file->scene.mesh_count = file->scene.texture_count = file->scene.light_count = 1;
     switch (lie) {
         case 1: m->positions.data = elsewhere; break;
         case 2: m->normals.data = elsewhere; break;
@@ -239,7 +243,7 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 11: file->used = (size_t)1 << 50; break;
         case 12: file->scene.environment.picture = *t; file->scene.environment.picture.pixels = elsewhere; break;
         case 13: file->warning_count = -1; break;
-        case 14: file->scene.lights = (const sbl_light *)(const void *)elsewhere; file->scene.light_count = 1; break;
+        case 14: file->scene.lights = (const sbl_light *)(const void *)elsewhere; break;
         case 15: file->finished = 1; abort();
         case 16: file->simplified[SCENE_FILE_LINES] = -1; break;
         case 17: file->units = SCENE_UNITS_COUNT; break;
@@ -254,6 +258,8 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
 
         case 26: places[0].offset[1] = (float)INFINITY; break;
         case 27: file->map_size = 1 << 20; break;
+        case 28: file->light_names = (const char *const *)(const void *)elsewhere; break;
+        case 29: light_names[0] = (const char *)elsewhere; break;
         default: break;
     }
     if (lie) return;
@@ -266,14 +272,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 27 inconsistent values in the shared memory makes reading fail. Pointers to functions and names of GL objects
+/* Each of 29 inconsistent values in the shared memory makes reading fail. Pointers to functions and names of GL objects
    are set to 0. */
 TEST(inconsistent_shared_values_are_refused) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 27; lie++) {
+    for (lie = 1; lie <= 29; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
@@ -1028,7 +1034,7 @@ TEST(normals_of_gltf) {
     file = read_back("normals.gltf", 0);
     REQUIRE(file, "%s", error);
     for (i = 0; i < 8; i++) check_normals(file, i, "grey", 0);
-    CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is no normal map"),
+    CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is not a normal map"),
           "%d: %s", file->warning_count, file->warnings[1]);
     scene_file_free(file);
     stbi_write_png(in_folder("two.png"), 2, 1, 3, grey, 6);

@@ -1,11 +1,12 @@
-// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h) or each ray of cast.glsl has a slot
-// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
-// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have
-// consecutive indices.
-uniform ivec2 blocks;            // size of a slot in texels; at most 4 wide, so that parallel invocations trace
-                                 // neighbouring rays
+// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see
+// >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one
+// invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute
+// shaders, in which the invocations of a slot have consecutive indices.
+uniform ivec2 blocks;            // size of a slot in texels. The slots of trace.glsl are at most 4 wide, so that
+                                 // invocations that run in parallel trace neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs
-uniform bool counts_steps;       // true: the outputs also tell the steps of rays, see sbl__spec.counts_steps
+uniform bool counts_steps;       // true: the outputs also contain the number of steps that the rays take through
+                                 // the hierarchy, see sbl__spec.counts_steps
 uniform int first_slot, count;   // the looks of this draw use `count` slots, from slot first_slot on
 
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
@@ -24,9 +25,9 @@ bool sbl_cut_short() {
 // Converts 32-bit fractions to a point in the unit square.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
-// Returns the factors that convert light from the unit direction w from its part of R to its part of the first
-// four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R includes the cosine between w and
-// the normal n, radiance does not. reciprocal: 1 / cosine
+// Light from the unit direction w adds a term to R. Returns the factors that convert this term to the terms that
+// the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R
+// includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
     vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
     return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
