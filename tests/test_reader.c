@@ -1279,6 +1279,42 @@ TEST(names_of_buffers) {
     }
 }
 
+/* Rotations of nodes get length 1, so that they do not scale. Only those whose length differs much cause a warning. */
+TEST(rotations_do_not_scale) {
+    static const struct { const char *rotation; float x[3]; } nodes[] = {
+        { "0,0,1,1", { 0, 1, 0 } }, { "0,0,0.70711,0.70711", { 0, 1, 0 } }, { "0,-0.5,0,0", { -1, 0, 0 } },
+        { "0,0,0,0", { 1, 0, 0 } }, { "0,0,1e200,1e200", { 0, 1, 0 } } };
+    enum { COUNT = 5 };
+    char text[2048], *at = text;
+    scene_file *file;
+    int i, k;
+#ifndef SBL_RENDER_CJSON
+    SKIP("lengths of rotations need cJSON");
+#endif
+    at += sprintf(at, "{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":"
+                  "{\"POSITION\":0}}]}],\"scenes\":[{\"nodes\":[0,1,2,3,4]}],\"scene\":0,\"accessors\":[{\"bufferView\":0,"
+                  "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,"
+                  "\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
+                  "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],\"nodes\":[");
+    for (i = 0; i < COUNT; i++)
+        at += sprintf(at, "%s{\"name\":\"n%d\",\"mesh\":0,\"rotation\":[%s]}", i ? "," : "", i, nodes[i].rotation);
+    strcpy(at, "]}");
+    write_text("turned.gltf", text);
+    file = read_back("turned.gltf", 0);
+    REQUIRE(file && file->scene.mesh_count == COUNT, "%s", error);
+    for (i = 0; i < COUNT; i++) {
+        const float *m = file->scene.meshes[i].transform;
+        CHECK(is_near(m, nodes[i].x, 3), "%s: x becomes %g %g %g", nodes[i].rotation, (double)m[0], (double)m[1],
+              (double)m[2]);
+        for (k = 0; k < 12; k += 4)
+            CHECK(fabs(sqrt((double)m[k] * m[k] + (double)m[k + 1] * m[k + 1] + (double)m[k + 2] * m[k + 2]) - 1) <
+                  1e-6, "%s: axis %d is scaled", nodes[i].rotation, k / 4);
+    }
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "4 rotations are not of length 1") &&
+          strstr(file->warnings[0], "n0 (node 0)"), "%d warnings: %s", file->warning_count, file->warnings[0]);
+    scene_file_free(file);
+}
+
 /* ---- OBJ ---- */
 
 /* Writes plain.obj: a triangle for each of the materials m0, m1, ... mtl: its .mtl file; start: the first bytes of both
@@ -1422,8 +1458,8 @@ TEST(cameras_of_collada) {
     for (i = 0; i < sizeof lenses / sizeof *lenses; i++) {
         scene_file *file;
         snprintf(cameras, sizeof cameras, "<library_cameras><camera id=\"c\" name=\"c\"><optics>"
-                 "<technique_common><perspective>%s<znear>0.1</znear><zfar>9</zfar></perspective></technique_common></optics></camera>"
-                 "</library_cameras>", lenses[i].lens);
+                 "<technique_common><perspective>%s<znear>0.1</znear><zfar>9</zfar></perspective></technique_common>"
+                 "</optics></camera></library_cameras>", lenses[i].lens);
         file = read_collada(cameras, "<node id=\"m\"><translate>1 2 3</translate><instance_camera url=\"#c\"/>"
                             "</node>");
         REQUIRE(file && file->has_camera, "%s", error);
@@ -1919,6 +1955,7 @@ int main(void) {
     RUN(repeated_textures_are_counted);
     RUN(integers_become_floats);
     RUN(names_of_buffers);
+    RUN(rotations_do_not_scale);
     RUN(transparent_surfaces_are_counted);
     RUN(oddities_of_obj);
     RUN(options_of_obj_textures);
