@@ -264,7 +264,11 @@ TEST(wrong_parts_are_refused) {
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "scene.exr") == 0, "%s", ran.err);
     REFUSED("scene.exr does not fit p.1.exr: it was made from another scene", "p.1.exr", "scene.exr", "p.3.exr");
+    CHECK(!said("it has"), "the message shows a hash: %s", ran.err);
     room_obj();
+    CHECK(RENDER(PICTURE, "--sky", "1,1,2", "--part", "2/3", "-o", "sky.exr") == 0, "%s", ran.err);
+    REFUSED("sky.exr does not fit p.1.exr: it was made with other options: it has --sky=1,1,2 --mode=direct", "p.1.exr",
+            "sky.exr", "p.3.exr");
     CHECK(RENDER(PICTURE, "--fov", "41", "--part", "2/3", "-o", "camera.exr") == 0, "%s", ran.err);
     REFUSED("camera.exr does not fit p.1.exr: it was made with another camera", "p.1.exr", "camera.exr", "p.3.exr");
     CHECK(MERGE("p.1.exr", "p.2.exr", "p.3.exr", "-o", "p.2.exr") == 2 && said("overwrite"), "%s", ran.err);

@@ -277,6 +277,7 @@ TEST(wrong_probes_are_refused) {
                "newmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     CHECK(BAKE(PROBES, "--part", "2/3", "-o", "scene.json") == 0, "%s", ran.err);
     REFUSED("scene.json does not fit p.1.json: it was made from another scene", "p.1.json", "scene.json", TO_JSON);
+    CHECK(!said("it has"), "the message shows a hash: %s", ran.err);
     CHECK(MERGE("p.1.json", "p.2.json", "p.3.json", "-o", "p.2.json") == 2 && said("overwrite"), "%s", ran.err);
     CHECK(MERGE("p.1.json", "-o", "all.txt") == 2 && said(".json or .ply"), "%s", ran.err);
     CHECK(MERGE("p.1.json", TO_JSON, "--exposure", "1") == 2 && said("--exposure"), "%s", ran.err);
