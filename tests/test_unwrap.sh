@@ -88,7 +88,19 @@ again() {
     unwrap "$out" "$folder/new.glb" 256 --again && holds apart "$folder/new.glb" 256 2 58 &&
         holds same "$rich" "$folder/new.glb"
 }
+# a rotation that is not of length 1 counts like the one of length 1 with the same axis and angle
+long_rotations() {
+    for k in 1 2; do
+        node -e 'const fs = require("fs"), [, from, to, k] = process.argv, json = JSON.parse(fs.readFileSync(from));
+            for (const n of json.nodes)
+                if (n.mesh !== undefined && !n.matrix) n.rotation = [0.36, 0.48, 0, 0.8].map((v) => v * k);
+            fs.writeFileSync(to, JSON.stringify(json));' "$rich" "$folder/turned$k.gltf" "$k" &&
+        unwrap "$folder/turned$k.gltf" "$folder/long$k.gltf" --texel-density 12 || return 1
+    done
+    grep -q '"rotation":\[0.72' "$folder/long2.gltf" && cmp "$folder/long1.bin" "$folder/long2.bin"
+}
 check all_else_is_the_same holds same "$rich" "$out"
+check rotations_do_not_scale long_rotations
 check all_else_is_the_same_in_gltf same_gltf
 check strips_fans_and_sparse_ones odd_ones
 check usable_coordinates_are_kept is_kept "$folder/usable.gltf"
