@@ -1846,7 +1846,7 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
    The format has a version and a checksum. Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are
    damaged, or of another version, byte order or scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED
    (load: larger than the driver's tables), OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that
-   it had. */
+   it had. Loading drops unfinished work. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 

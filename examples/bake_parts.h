@@ -32,9 +32,11 @@ enum {
 };
 
 static const char *const bake_names[BAKE_TEXTS] = { "version", "scene", "what", "options", "renderer", "part" };
-static const char *const bake_words[BAKE_TEXTS] = { "by another version of sbl.h", "from another scene",
-    "of something else", "with other options", "by another driver", "as another part" };
-static const part_kind bake_kind = { bake_names, bake_words, BAKE_RENDERER };
+static const char *const bake_words[BAKE_TEXTS] = { "by another version of sbl.h",
+    "from another scene, or with other materials or lights", "of something else", "with other options",
+    "by another driver", "as another part" };
+static const int bake_order[] = { BAKE_VERSION, BAKE_WHAT, BAKE_OPTIONS, BAKE_SCENE, -1 };
+static const part_kind bake_kind = { bake_names, bake_words, bake_order, 1u << BAKE_SCENE, BAKE_RENDERER };
 
 /* The range of probes or meshes in a part: the index of the first, the number in this part, and the number in all
    parts. */

@@ -7,11 +7,15 @@
 #include <stdarg.h>
 
 enum { PARTS_MAX = 10000 };  /* greatest number of parts */
+enum { FACTS_WORDS = 2 * PICTURE_FACT_SIZE + 512 };  /* size of a text about two facts that differ */
 
-/* The facts (picture_fact) that a kind of part has. The facts before `renderer` must be the same in all parts. */
+/* The facts (picture_fact) that a kind of part has. */
 typedef struct part_kind {
     const char *const *names;
     const char *const *words;  /* for each fact: words about a difference, after "it was made" */
+    const int *order;          /* the facts that must be the same in all parts, followed by -1. The first that differs
+                                  is reported. Facts that depend on others come after them */
+    unsigned hashes;           /* bits of facts that are hashes, whose text tells a user nothing */
     int renderer;              /* index of the fact GL_RENDERER */
 } part_kind;
 
@@ -23,11 +27,26 @@ typedef struct part_list {
     int count, room;
     picture_fact facts[PICTURE_FACTS];   /* the facts of the first part */
     int drivers;                         /* 1: different GL drivers made the parts */
-    char error[PICTURE_FACT_SIZE + 512]; /* message of the function that has failed */
+    char error[FACTS_WORDS + 512]; /* message of the function that has failed */
 } part_list;
 
 /* Returns the text of a fact for a message. */
 static inline const char *fact_shown(const char *text) { return text[0] ? text : "none"; }
+
+/* Compares the first `count` facts in the order of their kind. Returns 0 if they are the same; otherwise writes how
+   they differ. others: words for the owner of the facts `b` */
+static inline int facts_differ(const part_kind *kind, int count, const picture_fact *a, const picture_fact *b,
+                               const char *others, char out[FACTS_WORDS]) {
+    int i, k = 0;
+    while (k < count && kind->order[k] >= 0 && strcmp(a[kind->order[k]].text, b[kind->order[k]].text) == 0) k++;
+    if (k == count || kind->order[k] < 0) return 0;
+    i = kind->order[k];
+    k = snprintf(out, 256, "it was made %s", kind->words[i]);
+    if (!(kind->hashes >> i & 1))
+        snprintf(out + k, FACTS_WORDS - 256, ": it has %s, %s has %s", fact_shown(a[i].text), others,
+                 fact_shown(b[i].text));
+    return 1;
+}
 
 static int parts__fail(part_list *l, const char *format, ...) {
     va_list arguments;
@@ -73,13 +92,11 @@ static inline int parts__number(part_list *l, const char *text) {
    do not fit. The facts of the first file become l->facts. */
 static inline int parts__fit(part_list *l, const part_kind *kind, const picture_fact *facts) {
     const part_file *first = &l->files[0], *file = &l->files[l->count - 1];
-    int i;
+    char why[FACTS_WORDS];
     if (l->count == 1) memcpy(l->facts, facts, sizeof l->facts);
-    for (i = 0; i < kind->renderer; i++)
-        if (strcmp(facts[i].text, l->facts[i].text) != 0)
-            return parts__fail(l, "%s does not fit %s: it was made %s: it has %s, the other has %s", file->name,
-                               first->name, kind->words[i], fact_shown(facts[i].text), fact_shown(l->facts[i].text));
-    l->drivers |= strcmp(facts[i].text, l->facts[i].text) != 0;
+    if (facts_differ(kind, PICTURE_FACTS, facts, l->facts, "the other", why))
+        return parts__fail(l, "%s does not fit %s: %s", file->name, first->name, why);
+    l->drivers |= strcmp(facts[kind->renderer].text, l->facts[kind->renderer].text) != 0;
     if (file->count == first->count) return 1;
     return parts__fail(l, "%s does not fit %s: it is a part of %d, not of %d", file->name, first->name, file->count,
                        first->count);

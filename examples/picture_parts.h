@@ -32,13 +32,20 @@ static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", 
     "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.exposure", "sbl.renderer", "sbl.part" };
 
 /* For each fact, the words of an error message about a difference, which follow "it was made". */
-static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h", "from another scene",
-    "with another camera", "with other options", "of another channel", "for another size",
+static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h",
+    "from another scene, or with other materials, lights or texture coordinates", "with another camera",
+    "with other options", "of another channel", "for another size",
     "with another plan (give all parts the same --plan)", "with another plan (give all parts the same --plan)",
     "with another plan (give all parts the same --plan)",
     "by another driver", "as another part" };
 
-static const part_kind picture_kind = { fact_names, fact_words, FACT_RENDERER };
+/* An option such as --sky also changes the scene, and --size the camera. */
+static const int fact_order[] = { FACT_VERSION, FACT_OPTIONS, FACT_CHANNEL, FACT_SIZE, FACT_SCENE, FACT_CAMERA,
+    FACT_MEAN, FACT_PRICE, FACT_EXPOSURE, -1 };
+enum { FACTS_OF_RUN = 6 };  /* the first of fact_order, which a run knows before it renders anything */
+
+static const part_kind picture_kind = { fact_names, fact_words, fact_order, 1u << FACT_SCENE | 1u << FACT_CAMERA,
+    FACT_RENDERER };
 
 /* A part: the window of the picture that its file contains. */
 typedef struct picture_part {

@@ -822,11 +822,9 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
 
 /* Checks that the facts of the first part equal those of this run. Returns the exit status. */
 static int check_joined(const map_bake *b, const part_list *list) {
-    int i;
-    for (i = 0; i < FACT_MEAN; i++)
-        if (strcmp(list->facts[i].text, b->windows.work.facts[i].text) != 0)
-            return fail("%s does not fit: it was made %s: it has %s, this run has %s", list->files[0].name,
-                        fact_words[i], fact_shown(list->facts[i].text), fact_shown(b->windows.work.facts[i].text));
+    char why[FACTS_WORDS];
+    if (facts_differ(&picture_kind, FACTS_OF_RUN, list->facts, b->windows.work.facts, "this run", why))
+        return fail("%s does not fit: %s", list->files[0].name, why);
     if (list->drivers && !given[QUIET])
         warn("the parts were made by different graphics drivers, whose light differs by rounding and noise");
     return DONE;

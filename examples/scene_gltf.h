@@ -11,7 +11,8 @@
    names of nodes. assimp takes integers for floats; therefore scene_integers.h converts the vertices. assimp scales and
    turns texture coordinates about a wrong point, and stores them in the place of TEXCOORD_1; therefore
    KHR_texture_transform is removed, and the reader transforms the coordinates. assimp takes compressed meshes for
-   floats; therefore a file that requires one of these extensions is refused. assimp drops triangles and attributes that
+   floats; therefore a file that requires one of these extensions is refused. assimp scales a node whose rotation is not
+   of length 1, which glTF forbids; therefore rotations get this length. assimp drops triangles and attributes that
    are broken, without a message; therefore the index of each mesh is put before its name, and the reader counts what is
    missing. Other invalid content is left unchanged, so that assimp reports it. */
 #ifndef SCENE_GLTF_H
@@ -427,10 +428,40 @@ static void scene__check_textures(scene_file *file, const cJSON *root) {
                     count == 1 ? "texture" : "textures", format ? ", " : "", format ? format : "");
 }
 
+#define SCENE__ROTATION_OFF 1e-3  /* a rotation whose length differs from 1 by more causes a warning */
+
+/* Gives the rotations of all nodes length 1. A rotation of length 0 is removed. */
+static void scene__unit_rotations(scene_file *file, const cJSON *root) {
+    cJSON *node, *number;
+    char first[128] = "";
+    int i = 0, wrong = 0;
+    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+        cJSON *rotation = scene__item(node, "rotation");
+        const char *name = cJSON_GetStringValue(scene__item(node, "name"));
+        double length = 0;
+        int count = 0;
+        i++;
+        cJSON_ArrayForEach(number, rotation) {
+            length = hypot(length, number->valuedouble);
+            count += cJSON_IsNumber(number);
+        }
+        if (count != 4 || cJSON_GetArraySize(rotation) != 4 || !isfinite(length)) continue;
+        if (fabs(length - 1) > SCENE__ROTATION_OFF && !wrong++)
+            scene__print(first, sizeof first, "%.90s (node %d)", name ? name : "without name", i - 1);
+        if (length > 0)
+            cJSON_ArrayForEach(number, rotation) cJSON_SetNumberHelper(number, number->valuedouble / length);
+        else cJSON_DeleteItemFromObjectCaseSensitive(node, "rotation");
+    }
+    if (wrong)
+        scene__warn(file, "%d rotation%s not of length 1, which glTF demands, such as that of %s; length 1 is used",
+                    wrong, wrong > 1 ? "s are" : " is", first);
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root, scene__taken *taken) {
     cJSON *item, *number;
     scene__check_extensions(file, root);
     scene__check_textures(file, root);
+    scene__unit_rotations(file, root);
     item = scene__item(scene__item(scene__item(root, "asset"), "extras"), "lightmapSize");
     if (cJSON_IsNumber(item) && item->valuedouble >= 1 && item->valuedouble <= SCENE__MOST_SIZE)
         file->map_size = item->valueint;
@@ -498,7 +529,8 @@ static void scene__mend_gltf(scene_file *file, const char *path, scene__bytes *b
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
         "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
         "lightmapIndex", "lightmapSize", "extensionsRequired", "EXT_mesh_gpu_instancing", "KHR_node_visibility",
-        "KHR_texture_transform", "KHR_mesh_quantization", "normalized", "_texture_", "indices", "NORMAL", "COLOR_0" };
+        "KHR_texture_transform", "KHR_mesh_quantization", "normalized", "_texture_", "indices", "NORMAL", "COLOR_0",
+        "rotation" };
     const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;

@@ -285,8 +285,7 @@ static int plan__refuse(const plan *p, const char *name, char (*made)[PICTURE_FA
         return fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name", name,
                     fact_words[order[k]], fact_shown(made[order[k]]), fact_shown(p->facts[order[k]].text));
     return fail("%s: this plan was made %s; remove it, or give another name", name,
-                strcmp(made[FACT_SCENE], p->facts[FACT_SCENE].text) == 0 ? fact_words[FACT_CAMERA]
-                : "from another scene, or with other materials, lights or texture coordinates");
+                fact_words[strcmp(made[FACT_SCENE], p->facts[FACT_SCENE].text) == 0 ? FACT_CAMERA : FACT_SCENE]);
 }
 
 /* Reads a plan from a file. p must already have the facts of this run, except for mean, price and exposure, which are

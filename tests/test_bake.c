@@ -120,6 +120,49 @@ TEST(viewers_get_the_same_light) {
     stbi_image_free(png);
 }
 
+/* A point light close to the floor makes a small part of it very bright. Eight times the mean of the lit texels becomes
+   white then, because a range that contains the brightest texels would leave few steps for all others. */
+TEST(a_small_highlight_does_not_darken_the_rest) {
+    static const char *const edits[3][2] = {  /* words in the scene, and words that are put behind them */
+        { "\"extensionsUsed\":[", "\"KHR_lights_punctual\"," },
+        { "\"scenes\":[{\"nodes\":[0,1", ",2" },
+        { ",{\"mesh\":1}", ",{\"translation\":[0.25,-0.2,0],\"extensions\":{\"KHR_lights_punctual\":"
+                             "{\"light\":0}}}" } };
+    char text[16384], rest[16384], *at;
+    const char *extension;
+    picture light;
+    double intensity = 0, sum = 0, most = 0;
+    int lines, i, count = 0;
+    write_scene("room.gltf", apart, 1);
+    read_text(in_folder("room.gltf"), text, sizeof text, &lines);
+    for (i = 0; i < 3; i++) {
+        at = strstr(text, edits[i][0]);
+        REQUIRE(at, "the scene has no %s", edits[i][0]);
+        at += strlen(edits[i][0]);
+        snprintf(rest, sizeof rest, "%s%s", edits[i][1], at);
+        snprintf(at, sizeof text - (size_t)(at - text), "%s", rest);
+    }
+    strcpy(strrchr(text, '}'), ",\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\","
+           "\"intensity\":50}]}}}");
+    write_text("near.gltf", text);
+    REQUIRE(TOOL("near.gltf", DIRECT, "--lit", "0", "-o", "near") == 0, "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("near/scene.gltf"), text, sizeof text, &lines);
+    extension = strstr(text, "\"MOZ_lightmap\": {");
+    light = read_pfm("near/lightmap.pfm");
+    REQUIRE(extension && light.values, "no map");
+    REQUIRE(sscanf(strstr(extension, "\"intensity\": "), "\"intensity\": %lf", &intensity) == 1, "%.100s", extension);
+    for (i = 0; i < MAP * MAP; i++) {
+        const float *v = light.values + 3 * i;
+        const double larger = test_max((double)v[0], test_max((double)v[1], (double)v[2]));
+        sum += larger;
+        count += larger > 0;
+        most = test_max(most, larger);
+    }
+    CHECK(most > 12 * sum / count && fabs(intensity / (8 * REF_PI * sum / count) - 1) < 1e-4,
+          "%g becomes white; the mean is %g, the most %g", intensity / REF_PI, sum / count, most);
+    free(light.values);
+}
+
 /* The written scene is complete: it gives the same lightmap and the same picture as the original. */
 TEST(the_scene_is_written_whole) {
     picture light, again, seen, seen_again;
@@ -250,6 +293,45 @@ TEST(vertices_fit_lamberts_light) {
           "no attribute");
     CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "the output cannot be read: %s",
           ran.err);
+}
+
+/* The normals of a .ply are those of the file, transformed so that they stay perpendicular to the surface, also if a
+   node mirrors its mesh or stretches it. */
+TEST(normals_of_a_ply_are_in_world_space) {
+    enum { NODES = 3, VERTEX = 9 };
+    static const float vertices[18] = { 0, 0, 0, 0, 0, 1, 1, 0, 0, 0.6f, 0.8f, 0, 0.6f, 0.8f, 0, 0, 0.8f, 0.6f };
+    static const double scales[NODES][3] = { { 1, 1, 1 }, { -1, 1, 1 }, { 2, 1, 1 } };
+    static unsigned char file[8192];
+    char json[1024];
+    float v[VERTEX];
+    const char *end;
+    FILE *in;
+    int i, k, corner;
+    write_file("normals.bin", (const char *)vertices, sizeof vertices);
+    snprintf(json, sizeof json, "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1,2]}],"
+             "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[-1,1,1]},{\"mesh\":0,\"scale\":[2,1,1]}],\"meshes\":["
+             "{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1}}]}],\"accessors\":[{\"bufferView\":0,"
+             "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":0,\"byteOffset\":36,"
+             "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":72}],"
+             "\"buffers\":[{\"uri\":\"normals.bin\",\"byteLength\":72}]}");
+    write_text("normals.gltf", json);
+    REQUIRE(TOOL("normals.gltf", "--mode", "direct", "--sky", "1,1,1", "--vertices", "--preset", "draft", "-o",
+                 "normals.ply", "--quiet") == 0, "exit status %d: %s", ran.status, ran.err);
+    in = fopen(in_folder("normals.ply"), "rb");
+    REQUIRE(in && fread(file, 1, sizeof file - 1, in) > 300, "no normals.ply");
+    fclose(in);
+    end = strstr((const char *)file, "end_header\n");
+    REQUIRE(end, "no head");
+    for (i = 0; i < NODES; i++)
+        for (corner = 0; corner < 3; corner++) {
+            double n[3], length = 0;
+            memcpy(v, end + strlen("end_header\n") + sizeof v * (size_t)(3 * i + corner), sizeof v);
+            for (k = 0; k < 3; k++) n[k] = (double)vertices[9 + 3 * corner + k] / scales[i][k];
+            for (k = 0; k < 3; k++) length += n[k] * n[k];
+            for (k = 0; k < 3; k++)
+                CHECK(fabs((double)v[3 + k] - n[k] / sqrt(length)) < 1e-5, "node %d, corner %d: normal %g %g %g", i,
+                      corner, (double)v[3], (double)v[4], (double)v[5]);
+        }
 }
 
 static double basis(int i, const double d[3]) {  /* Returns a real, orthonormal spherical harmonic. */
@@ -792,9 +874,11 @@ int main(int argc, char **argv) {
     tool_use("sbl_bake");
     RUN(a_lightmap_holds_lamberts_light);
     RUN(viewers_get_the_same_light);
+    RUN(a_small_highlight_does_not_darken_the_rest);
     RUN(the_scene_is_written_whole);
     RUN(overlaps_are_shown);
     RUN(vertices_fit_lamberts_light);
+    RUN(normals_of_a_ply_are_in_world_space);
     RUN(probes_hold_the_lamps_light);
     RUN(ao_and_sky_maps);
     RUN(wrong_command_lines_are_refused);

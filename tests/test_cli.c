@@ -1371,8 +1371,8 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
-/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. */
-TEST(lights_of_other_formats) {
+/* Writes lamps.dae: a ground with lamps of all kinds. */
+static void lamps_dae(void) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
                "<library_lights><light id=\"a\"><technique_common><point><color>10 0 "
@@ -1401,6 +1401,11 @@ TEST(lights_of_other_formats) {
                    "url=\"#b\"/><instance_light url=\"#c\"/></node>"
                "<node id=\"n3\"><instance_light url=\"#d\"/></node></visual_scene></library_visual_scenes>"
                "<scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>");
+}
+
+/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. */
+TEST(lights_of_other_formats) {
+    lamps_dae();
     check_lamps("lamps.dae", 3, collada_lamps, "COLLADA");
 }
 
@@ -1644,6 +1649,7 @@ TEST(substitutions_are_named) {
     check_warnings("kinds.obj", obj_lines, 6);
     TOOL("kinds.obj", SQUARES);
     check_warnings("kinds.obj", gloss_lines, 4);
+    lamps_dae();
     TOOL("lamps.dae", SQUARES);
     check_warnings("lamps.dae", area_line, 1);
 }

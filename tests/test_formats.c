@@ -216,6 +216,74 @@ TEST(ktx2_describes_its_channels) {
     }
 }
 
+/* A component of a .hdr is rounded to the nearest step of the exponent, also if rounding raises the exponent. */
+TEST(hdr_rounds_to_the_nearest) {
+    static const float texels[3][3] = { { 0.9985f, 0.5045f, 0.25f }, { 0.75f, 0.5045f, 0.001f }, { 3, 1.005f, 0 } };
+    int i, k, exponent;
+    for (i = 0; i < 3; i++) {
+        float v[3];
+        double most, step;
+        memcpy(v, texels[i], sizeof v);
+        map__round_rgbe(v);
+        most = test_max((double)v[0], test_max((double)v[1], (double)v[2]));
+        frexp(most, &exponent);
+        step = ldexp(1, exponent - 8);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs(floor((double)v[k] / step) * step - (double)texels[i][k]) <= 0.5001 * step,
+                  "texel %d: %g becomes %g, in steps of %g", i, (double)texels[i][k],
+                  floor((double)v[k] / step) * step, step);
+    }
+}
+
+/* A .bin has normals of length 1. A normal of length 0, which glTF forbids, points up. */
+TEST(written_normals_have_length_1) {
+    static const float normals[9] = { 0, 0, 0, 0, 0, -4, 0.6f, 0.8f, 0 }, units[9] = { 0, 1, 0, 0, 0, -1, 0.6f, 0.8f,
+        0 };
+    float found[9];
+    FILE *file = tmpfile();
+    int k;
+    REQUIRE(file, "no temporary file");
+    gltf__put_normals(file, normals, 3);
+    rewind(file);
+    REQUIRE(fread(found, 1, sizeof found, file) == sizeof found, "the file is too short");
+    fclose(file);
+    for (k = 0; k < 9; k++) CHECK(fabs((double)found[k] - (double)units[k]) < 1e-6, "%d: %g", k, (double)found[k]);
+}
+
+/* A texture of floats becomes a .png of 8 bits, whose colours are encoded as sRGB, and whose alpha is linear. */
+TEST(alpha_of_textures_is_linear) {
+    static const float texels[6] = { 0.5f, 0.5f, 1, 0.25f, 0, 0.75f };
+    static const unsigned char expected[6] = { 188, 128, 255, 64, 0, 191 };
+    unsigned char file[1024], *bytes;
+    sbl_texture texture;
+    sbl_scene_desc scene;
+    gltf_file out;
+    FILE *stream = fmemopen(file, sizeof file, "wb");
+    int width = 0, height = 0, channels = 0, written = 0;
+    memset(&texture, 0, sizeof texture);
+    memset(&scene, 0, sizeof scene);
+    memset(&out, 0, sizeof out);
+    texture.pixels = texels;
+    texture.format = SBL_PIXELS_FLOAT;
+    texture.width = 3;
+    texture.height = 1;
+    texture.channels = 2;
+    scene.textures = &texture;
+    scene.texture_count = 1;
+    out.scene = &scene;
+    if (stream) {
+        written = gltf_write_texture(stream, &out, 0);
+        fclose(stream);
+    }
+    REQUIRE(written, "no .png");
+    bytes = stbi_load_from_memory(file, sizeof file, &width, &height, &channels, 0);
+    REQUIRE(bytes && width == 3 && height == 1 && channels == 2, "a .png of %d x %d, %d channels", width, height,
+            channels);
+    CHECK(memcmp(bytes, expected, sizeof expected) == 0, "%d %d, %d %d, %d %d", bytes[0], bytes[1], bytes[2], bytes[3],
+          bytes[4], bytes[5]);
+    stbi_image_free(bytes);
+}
+
 /* The texture of a lit scene shows glass as transparent by 0.9 of its transmission. Highlights lower the exposure by at
    most 1.5 stops. */
 TEST(glass_is_transparent_in_lit_scenes) {
@@ -428,6 +496,9 @@ int main(int argc, char **argv) {
     RUN(rgbm_keeps_the_brightest);
     RUN(strange_values_become_finite);
     RUN(ktx2_describes_its_channels);
+    RUN(hdr_rounds_to_the_nearest);
+    RUN(written_normals_have_length_1);
+    RUN(alpha_of_textures_is_linear);
     RUN(glass_is_transparent_in_lit_scenes);
     RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);

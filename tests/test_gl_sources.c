@@ -78,6 +78,26 @@ TEST(gl_objects_are_as_good_as_arrays) {
     for (kind = 0; kind < 3; kind++) free(pictures[kind]);
 }
 
+/* A buffer must hold all elements of a stream, which begin at the offset; one byte less is refused. */
+TEST(buffers_hold_all_elements) {
+    enum { OFFSET = 8, SIZE = OFFSET + 4 * 12 };
+    static const char zeros[SIZE];
+    int less;
+    for (less = 0; less < 2; less++) {
+        test_scene s = { 0 };
+        sbl_mesh *m = scene_floor(&s, scene_material(&s, 1, 1, 1), 0, 1);
+        sbl_scene_desc desc;
+        m->normals.gl_buffer = buffer_of(zeros, (size_t)(SIZE - less));
+        m->normals.offset = OFFSET;
+        desc = scene_desc(&s);
+        CHECK(m->vertex_count == 4 && sbl_set_scene(context, &desc) ==
+              (less ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS), "%d bytes", SIZE - less);
+        gl.DeleteBuffers(1, &m->normals.gl_buffer);
+        m->normals.gl_buffer = 0;
+        scene_free(&s);
+    }
+}
+
 /* Compares all channels of a picture, unfinished or finished, with their textures. Returns the number of available
    channels. */
 static int compare_channels(const char *when) {
@@ -153,6 +173,7 @@ int main(void) {
     desc.get_gl_function = gl_host_proc;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
     RUN(gl_objects_are_as_good_as_arrays);
+    RUN(buffers_hold_all_elements);
     RUN(textures_hold_the_channels);
     sbl_destroy(context);
     host_gl_close();

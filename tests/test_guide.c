@@ -200,10 +200,11 @@ static int render(sbl_context *context, const sbl_picture_desc *view, float *out
                SBL_SUCCESS;
 }
 
-/* Batches, slices, fragment shaders and earlier pictures do not change the picture, to the bit. */
+/* Batches, slices, fragment shaders and earlier pictures do not change the picture, to the bit. The looks before the
+   guides were made count neither as looks nor as work of their sensors. */
 TEST(the_picture_is_the_same) {
     static const int batches[] = { 1, 7, 100000 };
-    static float expected[3 * PIXELS / 4], now[3 * PIXELS / 4];
+    static float expected[3 * PIXELS / 4], now[3 * PIXELS / 4], looks[PIXELS / 4], work[PIXELS / 4];
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of();
     sbl_context *context = watch_context(&seen, &desc, &dark_room);
@@ -214,6 +215,9 @@ TEST(the_picture_is_the_same) {
     view.target_error = 0.08f;
     REQUIRE(render(context, &view, expected) && render(context, &view, now), "no picture: %s", watch_last(&seen));
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_LOOKS, looks, PIXELS / 4) == SBL_SUCCESS &&
+          sbl_read_channel(context, SBL_CHANNEL_WORK, work, PIXELS / 4) == SBL_SUCCESS &&
+          memcmp(looks, work, sizeof looks) == 0, "the work is not the number of looks");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
         scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SENSE_SCOUTS;

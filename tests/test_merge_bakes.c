@@ -128,6 +128,14 @@ TEST(parts_of_vertices) {
           "parts begin at %d, %d (%d), %d", fact_of("v2/v.2.ply", "comment sbl.first "),
           fact_of("v3/v.2.ply", "comment sbl.first "), fact_of("v3/v.2.ply", "comment sbl.count "),
           fact_of("v4/v.4.ply", "comment sbl.first "));
+    /* the last of three meshes has most triangles, and the first two parts must leave a mesh for it */
+    write_text("late.obj", "mtllib room.mtl\nv -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2\nusemtl floor\nf 1 2 3\n"
+               "usemtl wall\nf 1 3 4\nv -1 2 -1\nv 1 2 -1\nv 1 2 0\nv -1 2 0\nv 1 2 1\nv -1 2 1\nusemtl lamp\n"
+               "f 5 6 7 8\nf 8 7 9 10\n");
+    CHECK(BAKE("late.obj", FAST, "--vertices", "-o", "whole.ply") == 0 &&
+          PARTS("l", ".ply", 3, "late.obj", FAST, "--vertices") &&
+          MERGE("l.1.ply", "l.2.ply", "l.3.ply", "-o", "all.ply") == 0 && same_files("all.ply", "whole.ply") &&
+          fact_of("l.3.ply", "comment sbl.first ") == 2, "the last mesh is large: %s", ran.err);
     CHECK(BAKE(VERTICES, "--average", "-o", "whole.ply") == 0 && PARTS("a", ".ply", 2, VERTICES, "--average") &&
           MERGE("a.1.ply", "a.2.ply", "-o", "all.ply") == 0 && same_files("all.ply", "whole.ply"),
           "averages differ: %s", ran.err);
@@ -269,6 +277,7 @@ TEST(wrong_probes_are_refused) {
                "newmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     CHECK(BAKE(PROBES, "--part", "2/3", "-o", "scene.json") == 0, "%s", ran.err);
     REFUSED("scene.json does not fit p.1.json: it was made from another scene", "p.1.json", "scene.json", TO_JSON);
+    CHECK(!said("it has"), "the message shows a hash: %s", ran.err);
     CHECK(MERGE("p.1.json", "p.2.json", "p.3.json", "-o", "p.2.json") == 2 && said("overwrite"), "%s", ran.err);
     CHECK(MERGE("p.1.json", "-o", "all.txt") == 2 && said(".json or .ply"), "%s", ran.err);
     CHECK(MERGE("p.1.json", TO_JSON, "--exposure", "1") == 2 && said("--exposure"), "%s", ran.err);

@@ -2,8 +2,10 @@
    chosen moments: at a certain system call, which this program observes with ptrace, or when the progress bar shows a
    certain percentage. No test depends on speed. */
 #define _GNU_SOURCE
+#include "../examples/output_file.h"
 #include "support/test.h"
 #include "support/tool.h"
+#include <grp.h>
 #include <sys/ptrace.h>
 #include <sys/syscall.h>
 
@@ -199,6 +201,47 @@ TEST(permissions_are_kept) {
         remove(in_folder("old.png"));
     }
     umask(mask);
+}
+
+/* Replaces a file as another user, who is not in its group. Returns 1 on success. */
+static int replace_as_nobody(const char *path) {
+    enum { NOBODY = 65534 };
+    output_file out;
+    FILE *stream;
+    int ok;
+    if (setgroups(0, NULL) != 0 || setgid(NOBODY) != 0 || setuid(NOBODY) != 0 || !output_find(&out, path)) return 0;
+    stream = output_open(&out);
+    ok = stream && fputs("new\n", stream) >= 0 && output_close(&out, stream, 1, NULL);
+    output_free(&out);
+    return ok;
+}
+
+/* If the group of the old file cannot be kept, the group of the writer gets none of its permissions. */
+TEST(another_group_gets_no_permissions) {
+    int status = 0;
+    pid_t child;
+    if (geteuid() != 0) SKIP("only root can act as another user");
+    chmod(folder, 0777);
+    write_text("shared.txt", "old\n");
+    chmod(in_folder("shared.txt"), 0664);
+    child = fork();
+    if (!child) _exit(!replace_as_nobody(in_folder("shared.txt")));
+    waitpid(child, &status, 0);
+    chmod(folder, 0700);
+    CHECK(status == 0 && holds("shared.txt", "new\n") && mode_of("shared.txt") == 0604, "the mode is %o",
+          mode_of("shared.txt"));
+}
+
+/* If a write has failed, the old file stays, although later writes and the closing of the file may succeed. */
+TEST(a_failed_write_is_remembered) {
+    output_file out;
+    FILE *stream;
+    write_text("kept.txt", "old\n");
+    REQUIRE(output_find(&out, in_folder("kept.txt")) && (stream = output_open(&out)) != NULL, "no file");
+    fputs("new\n", stream);
+    fgetc(stream);  /* a stream for writing cannot be read; this sets the same flag as a failed write */
+    CHECK(!output_close(&out, stream, 1, NULL) && holds("kept.txt", "old\n") && !parts_left(), "the file is replaced");
+    output_free(&out);
 }
 
 /* Symbolic links are followed and remain. A hard link is separated from the others: these keep the old contents. */
@@ -573,6 +616,8 @@ int main(int argc, char **argv) {
     RUN(planted_links_are_not_written_through);
     RUN(the_longest_file_name_works);
     RUN(permissions_are_kept);
+    RUN(another_group_gets_no_permissions);
+    RUN(a_failed_write_is_remembered);
     RUN(links_stay);
     RUN(devices_and_pipes_are_written_to);
     RUN(outputs_are_two_files);

@@ -1285,6 +1285,42 @@ TEST(names_of_buffers) {
     }
 }
 
+/* Rotations of nodes get length 1, so that they do not scale. Only those whose length differs much cause a warning. */
+TEST(rotations_do_not_scale) {
+    static const struct { const char *rotation; float x[3]; } nodes[] = {
+        { "0,0,1,1", { 0, 1, 0 } }, { "0,0,0.70711,0.70711", { 0, 1, 0 } }, { "0,-0.5,0,0", { -1, 0, 0 } },
+        { "0,0,0,0", { 1, 0, 0 } }, { "0,0,1e200,1e200", { 0, 1, 0 } } };
+    enum { COUNT = 5 };
+    char text[2048], *at = text;
+    scene_file *file;
+    int i, k;
+#ifndef SBL_RENDER_CJSON
+    SKIP("lengths of rotations need cJSON");
+#endif
+    at += sprintf(at, "{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":"
+                  "{\"POSITION\":0}}]}],\"scenes\":[{\"nodes\":[0,1,2,3,4]}],\"scene\":0,\"accessors\":[{\"bufferView\":0,"
+                  "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,"
+                  "\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
+                  "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],\"nodes\":[");
+    for (i = 0; i < COUNT; i++)
+        at += sprintf(at, "%s{\"name\":\"n%d\",\"mesh\":0,\"rotation\":[%s]}", i ? "," : "", i, nodes[i].rotation);
+    strcpy(at, "]}");
+    write_text("turned.gltf", text);
+    file = read_back("turned.gltf", 0);
+    REQUIRE(file && file->scene.mesh_count == COUNT, "%s", error);
+    for (i = 0; i < COUNT; i++) {
+        const float *m = file->scene.meshes[i].transform;
+        CHECK(is_near(m, nodes[i].x, 3), "%s: x becomes %g %g %g", nodes[i].rotation, (double)m[0], (double)m[1],
+              (double)m[2]);
+        for (k = 0; k < 12; k += 4)
+            CHECK(fabs(sqrt((double)m[k] * m[k] + (double)m[k + 1] * m[k + 1] + (double)m[k + 2] * m[k + 2]) - 1) <
+                  1e-6, "%s: axis %d is scaled", nodes[i].rotation, k / 4);
+    }
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "4 rotations are not of length 1") &&
+          strstr(file->warnings[0], "n0 (node 0)"), "%d warnings: %s", file->warning_count, file->warnings[0]);
+    scene_file_free(file);
+}
+
 /* ---- OBJ ---- */
 
 /* Writes plain.obj: a triangle for each of the materials m0, m1, ... mtl: its .mtl file; start: the first bytes of both
@@ -1384,29 +1420,63 @@ TEST(undefined_materials_of_obj) {
 
 /* ---- Collada and FBX ---- */
 
+/* Reads a .dae with a triangle. cameras: its library of cameras; node: a further node. Both may be empty texts. */
+static scene_file *read_collada(const char *cameras, const char *node) {
+    static char text[4096];
+    snprintf(text, sizeof text, "<?xml version=\"1.0\"?><COLLADA "
+             "xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\"><asset><unit meter=\"1\"/>"
+             "<up_axis>Y_UP</up_axis></asset>%s<library_effects><effect "
+             "id=\"e\"><profile_COMMON><technique sid=\"t\"><lambert><emission><color>1 1 1 1</color></emission>"
+             "</lambert></technique></profile_COMMON></effect></library_effects><library_materials><material "
+             "id=\"a\"><instance_effect url=\"#e\"/></material></library_materials><library_geometries><geometry "
+             "id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"9\">0 0 0 1 0 0 0 1 0</float_array>"
+             "<technique_common><accessor source=\"#f\" count=\"3\" stride=\"3\"><param name=\"X\" type=\"float\"/>"
+             "<param name=\"Y\" type=\"float\"/><param name=\"Z\" type=\"float\"/></accessor></technique_common>"
+             "</source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices><triangles "
+             "count=\"1\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2</p></triangles></mesh>"
+             "</geometry></library_geometries><library_visual_scenes><visual_scene id=\"s\"><node id=\"n\">"
+             "<instance_geometry url=\"#g\"/></node>%s</visual_scene></library_visual_scenes><scene>"
+             "<instance_visual_scene url=\"#s\"/></scene></COLLADA>", cameras, node);
+    write_text("collada.dae", text);
+    return read_back("collada.dae", 0);
+}
+
 /* In Collada, a surface without a material is grey, although assimp gives it the first material of the file. */
 TEST(collada_without_material) {
     static const float grey = 0.6f;
-    scene_file *file;
-    write_text("bare.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
-               "version=\"1.4.1\"><asset><unit meter=\"1\"/><up_axis>Y_UP</up_axis></asset><library_effects><effect "
-               "id=\"e\"><profile_COMMON><technique sid=\"t\"><lambert><emission><color>1 1 1 1</color></emission>"
-               "</lambert></technique></profile_COMMON></effect></library_effects><library_materials><material "
-               "id=\"a\"><instance_effect url=\"#e\"/></material></library_materials><library_geometries><geometry "
-               "id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"9\">0 0 0 1 0 0 0 1 0</float_array>"
-               "<technique_common><accessor source=\"#f\" count=\"3\" stride=\"3\"><param name=\"X\" type=\"float\"/>"
-               "<param name=\"Y\" type=\"float\"/><param name=\"Z\" type=\"float\"/></accessor></technique_common>"
-               "</source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices><triangles "
-               "count=\"1\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2</p></triangles></mesh>"
-               "</geometry></library_geometries><library_visual_scenes><visual_scene id=\"s\"><node id=\"n\">"
-               "<instance_geometry url=\"#g\"/></node></visual_scene></library_visual_scenes><scene>"
-               "<instance_visual_scene url=\"#s\"/></scene></COLLADA>");
-    file = read_back("bare.dae", 0);
+    scene_file *file = read_collada("", "");
     REQUIRE(file, "%s", error);
     CHECK(is_near(material_of(file, 0)->albedo, &grey, 1) && !(material_of(file, 0)->emission[0] > 0),
           "albedo %g, emission %g", (double)material_of(file, 0)->albedo[0],
           (double)material_of(file, 0)->emission[0]);
     scene_file_free(file);
+}
+
+/* A camera of Collada has two of three: the horizontal and the vertical field of view, and the aspect ratio. If both
+   the horizontal one and the aspect ratio are known, the picture shows the vertical one. */
+TEST(cameras_of_collada) {
+    static const struct { const char *lens; double fov_x, fov_y; } lenses[] = {
+        { "<xfov>90</xfov><aspect_ratio>2</aspect_ratio>", 0, 53.1301 },
+        { "<yfov>60</yfov><aspect_ratio>1.5</aspect_ratio>", 0, 60 },
+        { "<xfov>90</xfov>", 90, 0 } };
+    char cameras[512];
+    size_t i;
+    for (i = 0; i < sizeof lenses / sizeof *lenses; i++) {
+        scene_file *file;
+        snprintf(cameras, sizeof cameras, "<library_cameras><camera id=\"c\" name=\"c\"><optics>"
+                 "<technique_common><perspective>%s<znear>0.1</znear><zfar>9</zfar></perspective></technique_common>"
+                 "</optics></camera></library_cameras>", lenses[i].lens);
+        file = read_collada(cameras, "<node id=\"m\"><translate>1 2 3</translate><instance_camera url=\"#c\"/>"
+                            "</node>");
+        REQUIRE(file && file->has_camera, "%s", error);
+        CHECK(fabs((double)file->camera.fov_x - lenses[i].fov_x) < 1e-3 &&
+              fabs((double)file->camera.fov_y - lenses[i].fov_y) < 1e-3, "%s: fields of view %g and %g", lenses[i].lens,
+              (double)file->camera.fov_x, (double)file->camera.fov_y);
+        CHECK(fabs((double)file->camera.eye[0] - 1) + fabs((double)file->camera.eye[2] - 3) < 1e-5 &&
+              file->camera.forward[2] < -0.99f, "%s: the camera is at %g, %g, %g", lenses[i].lens,
+              (double)file->camera.eye[0], (double)file->camera.eye[1], (double)file->camera.eye[2]);
+        scene_file_free(file);
+    }
 }
 
 /* Lengths of FBX files become metres. */
@@ -1891,11 +1961,13 @@ int main(void) {
     RUN(repeated_textures_are_counted);
     RUN(integers_become_floats);
     RUN(names_of_buffers);
+    RUN(rotations_do_not_scale);
     RUN(transparent_surfaces_are_counted);
     RUN(oddities_of_obj);
     RUN(options_of_obj_textures);
     RUN(undefined_materials_of_obj);
     RUN(collada_without_material);
+    RUN(cameras_of_collada);
     RUN(units_of_fbx);
     RUN(what_gltf_lacks_is_named);
     RUN(broken_meshes_are_counted);

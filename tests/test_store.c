@@ -246,9 +246,10 @@ static void refused(const char *what, sbl_log_item item, const char *words) {
           what);
 }
 
-/* A loaded store gives the same light as the saved one, to the bit. */
+/* A loaded store gives the same light as the saved one, to the bit. Loading drops a picture under way. */
 TEST(saved_and_loaded) {
     static sbl_reading made[SITES], loaded[SITES];
+    sbl_picture_desc view;
     make_room(&scene);
     stream.count = stream.at = 0;
     stream.room = STREAM;
@@ -261,6 +262,11 @@ TEST(saved_and_loaded) {
     CHECK(sbl_query_stats(context).store.rays == 0, "a loaded store is filled again");
     CHECK(!memcmp(made, loaded, sizeof made), "first site %.9g, loaded %.9g", (double)made[0].radiance[0],
           (double)loaded[0].radiance[0]);
+    view = view_of(0);
+    stream.at = 0;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED &&
+            sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE, "a picture goes on with another store");
     scene.materials[LAMP].emission[1] = 9;
     REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     same_as_fresh("other lamps over a loaded store", 1);

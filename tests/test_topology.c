@@ -51,6 +51,39 @@ TEST(numbers_are_found_in_order) {
     sbl__hash_table_free(&base, &t);
 }
 
+/* The working grid of a window contains all pixels that anti-aliasing (two pixels away) and the filter (filter_radius
+   away from these) read, and their errors count; it begins at a first-level tile, and ends one pixel after one or with
+   the picture. */
+TEST(windows_contain_what_they_read) {
+    enum { SIZE = 97 };
+    sbl_picture_desc d;
+    int from, length, tile, radius, k;
+    memset(&d, 0, sizeof d);
+    d.width = d.height = SIZE;
+    for (radius = -1; radius < 5; radius += 3)
+        for (tile = 4; tile <= 32; tile *= 2)
+            for (from = 0; from < SIZE; from += 3)
+                for (length = 1; from + length <= SIZE; length += 11) {
+                    const int window[4] = { from, SIZE - from - length, length, length };
+                    const int reach = 2 + (radius > 0 ? radius : 0);
+                    sbl__window w;
+                    d.tile = tile;
+                    d.filter_radius = radius;
+                    memcpy(d.window, window, sizeof d.window);
+                    w = sbl__window_of(&d);
+                    for (k = 0; k < 2; k++) {
+                        const int end = w.first[k] + w.size[k], first = SBL__MAX(window[k] - reach, 0);
+                        const int last = SBL__MIN(window[k] + length + reach, SIZE);
+                        const int at[2] = { k ? w.inset[0] : first - w.first[0], k ? first - w.first[1] : w.inset[1] };
+                        CHECK(w.first[k] <= first && end >= last && w.first[k] % tile == 0 &&
+                              (end == SIZE || end % tile == 1) && w.shown[k] == length &&
+                              w.first[k] + w.inset[k] == window[k], "%d pixels from %d in tiles of %d: %d to %d",
+                              length, window[k], tile, w.first[k], end);
+                        CHECK(sbl__window_counts(&w, at[0], at[1]), "the error of pixel %d does not count", first);
+                    }
+                }
+}
+
 /* 0 and -0 have the same hash and are equal. */
 TEST(zeroes_are_the_same) {
     const float a[3] = { 0, -0.0f, 1 }, b[3] = { -0.0f, 0, 1 }, c[3] = { 0, 0, 2 };
@@ -833,6 +866,7 @@ int main(void) {
     base.allocator.free = give;
     RUN(buffers_of_all_sizes_share_programs);
     RUN(numbers_are_found_in_order);
+    RUN(windows_contain_what_they_read);
     RUN(zeroes_are_the_same);
     RUN(positions_of_two_meshes_differ);
     RUN(sides_are_shared);

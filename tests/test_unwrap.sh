@@ -98,7 +98,62 @@ again() {
     unwrap "$out" "$folder/new.glb" 256 --again && holds apart "$folder/new.glb" 256 2 58 &&
         holds same "$rich" "$folder/new.glb"
 }
+# edited FROM TO CODE: writes a scene that JavaScript code has changed; see the variables below
+edited() {
+    node -e 'const fs = require("fs"), [, folder, from, to, code] = process.argv;
+        const json = JSON.parse(fs.readFileSync(`${folder}/${from}.gltf`));
+        new Function("json", "fs", "folder", code)(json, fs, folder);
+        fs.writeFileSync(`${folder}/${to}.gltf`, JSON.stringify(json));' "$folder" "$@"
+}
+# a rotation that is not of length 1 counts like the one of length 1 with the same axis and angle
+long_rotations() {
+    for k in 1 2; do
+        edited rich "turned$k" "for (const n of json.nodes)
+            if (n.mesh !== undefined && !n.matrix) n.rotation = [0.36, 0.48, 0, 0.8].map((v) => v * $k);" &&
+        unwrap "$folder/turned$k.gltf" "$folder/long$k.gltf" --texel-density 12 || return 1
+    done
+    grep -q '"rotation":\[0.72' "$folder/long2.gltf" && cmp "$folder/long1.bin" "$folder/long2.bin"
+}
+# a byte order mark, and a buffer in a data URI without base64, change nothing
+other_encodings() {
+    { printf '\357\273\277' && cat "$rich"; } > "$folder/mark.gltf" &&
+    unwrap "$folder/mark.gltf" "$folder/mark.glb" --size 256 && cmp "$out" "$folder/mark.glb" &&
+    edited rich data 'for (const b of json.buffers) if (b.uri && !b.uri.startsWith("data:"))
+        b.uri = "data:application/octet-stream," + [...fs.readFileSync(`${folder}/${b.uri}`)]
+            .map((v) => "%" + v.toString(16).padStart(2, "0")).join("");' &&
+    unwrap "$folder/data.gltf" "$folder/data.glb" --size 256 && holds same "$rich" "$folder/data.glb"
+}
+keeps_extras() {
+    edited rich extras 'json.asset.extras = { mine: 1 };' && unwrap "$folder/extras.gltf" "$folder/extra.gltf" 64 &&
+    grep '"mine":1' "$folder/extra.gltf" | grep -q '"lightmapSize":64'
+}
+# a .glb holds the pictures; a .gltf must stay beside them
+takes_pictures() {
+    printf 'RIFF0000WEBP' > "$folder/own.webp" && mkdir -p "$folder/away" &&
+    edited rich webp 'json.images = [...(json.images || []), { uri: "own.webp" }];' &&
+    unwrap "$folder/webp.gltf" "$folder/webp.glb" 64 && grep -aq '"mimeType":"image/webp"' "$folder/webp.glb" &&
+    grep -aq RIFF0000WEBP "$folder/webp.glb" && ! unwrap "$folder/webp.gltf" "$folder/away/webp.gltf" 64 &&
+    says 'names pictures' && [ ! -e "$folder/away/webp.gltf" ]
+}
+one_map_instead() {
+    grep -aq '"lightmapIndex"' "$folder/maps.glb" && unwrap "$folder/maps.glb" "$folder/one.glb" --size 256 --again &&
+    ! grep -aq '"lightmapIndex"' "$folder/one.glb"
+}
+# coordinates that a texture uses are not replaced
+is_shared() {
+    edited overlaps shared 'json.textures = [{}];
+        json.materials = [{ pbrMetallicRoughness: { baseColorTexture: { index: 0, texCoord: 1 } } }];
+        for (const m of json.meshes) for (const p of m.primitives) p.material = 0;' &&
+    ! unwrap "$folder/shared.gltf" "$folder/no.glb" 64 && says 'uses the second texture coordinates' &&
+    [ ! -e "$folder/no.glb" ]
+}
 check all_else_is_the_same holds same "$rich" "$out"
+check rotations_do_not_scale long_rotations
+check encodings_change_nothing other_encodings
+check extras_are_kept keeps_extras
+check pictures_are_taken takes_pictures
+check one_map_replaces_several one_map_instead
+check used_coordinates_are_not_replaced is_shared
 check all_else_is_the_same_in_gltf same_gltf
 check strips_fans_and_sparse_ones odd_ones
 check usable_coordinates_are_kept is_kept "$folder/usable.gltf"

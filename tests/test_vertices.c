@@ -733,6 +733,32 @@ TEST(only_backs_are_seen) {
     scene_free(&s);
 }
 
+/* A point that sees a back face, but much of the sky beside it, is not inside anything: its light counts. A small roof
+   above a corner of a floor makes the corner as dark if it faces up as if it faces down. */
+TEST(points_beside_back_faces_count) {
+    enum { SIDE = 16, VERTICES = (SIDE + 1) * (SIDE + 1) };
+    static const float down[12] = { -4, 0.3f, -4, -3.5f, 0.3f, -4, -3.5f, 0.3f, -3.5f, -4, 0.3f, -3.5f };
+    static const float up[12] = { -4, 0.3f, -3.5f, -3.5f, 0.3f, -3.5f, -3.5f, 0.3f, -4, -4, 0.3f, -4 };
+    static test_scene s;
+    sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
+    float *light[2];
+    double worst = 0;
+    int i, k;
+    for (k = 0; k < 2; k++) {
+        memset(&s, 0, sizeof s);
+        grid(&s, scene_material(&s, 0, 0, 0), SIDE, 4);
+        scene_polygon(&s, 0, k ? up : down, 4);
+        scene_sky(&s, 1, 1, 1);
+        light[k] = bake(&s, &desc);
+        scene_free(&s);
+    }
+    for (i = 0; light[0] && light[1] && i < 3 * VERTICES; i++)
+        worst = fmax(worst, fabs((double)light[0][i] - (double)light[1][i]));
+    CHECK(light[0] && light[1] && light[0][0] < 0.9f && worst < 0.02, "R differs by up to %g; in the corner it is %g",
+          worst, light[0] ? (double)light[0][0] : 0);
+    for (k = 0; k < 2; k++) free(light[k]);
+}
+
 /* >>invalid descriptors */
 
 static void refused(sbl_vertices_desc desc, const char *word) {
@@ -958,6 +984,7 @@ int main(void) {
     RUN(buried_vertices_do_not_darken);
     RUN(few_points_are_enough);
     RUN(only_backs_are_seen);
+    RUN(points_beside_back_faces_count);
     RUN(every_field_is_checked);
     RUN(short_steps_give_the_same_light);
     RUN(callbacks_and_seeds);
