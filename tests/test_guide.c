@@ -570,6 +570,30 @@ TEST(windows_send_only_scouts_that_serve) {
     sbl_destroy(context);
 }
 
+/* The margin of a window adds up to the width that ON PARTS in sbl.h tells: two rings of tiles more with a price. */
+TEST(margins_are_as_wide_as_documented) {
+    sbl_picture_desc view = view_of();
+    int priced, at;
+    view.width = view.height = 512;
+    view.tile = 16;
+    view.filter_radius = 2;
+    view.window[2] = view.window[3] = 40;
+    for (priced = 0; priced < 2; priced++) {
+        const int expected = (priced ? 3 : 1) * view.tile + view.filter_radius + 1;
+        int before = 0, after = 0;
+        view.price = (float)priced;
+        for (at = 200; at < 200 + view.tile; at++) {
+            sbl__window w;
+            view.window[0] = view.window[1] = at;
+            w = sbl__window_of(&view);
+            before = SBL__MAX(before, w.inset[0]);
+            after = SBL__MAX(after, w.size[1] - w.inset[1] - w.shown[1]);
+        }
+        CHECK(before == expected && after == expected, "price %d: the margin is up to %d and %d pixels wide, expected "
+              "%d", priced, before, after, expected);
+    }
+}
+
 /* Scouts serve the sensors of a window and of the tiles beside it, but where guides are far apart, no scout is further
    away than its limit. */
 TEST(scouts_serve_near_windows) {
@@ -729,6 +753,7 @@ int main(void) {
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);
     RUN(windows_send_only_scouts_that_serve);
+    RUN(margins_are_as_wide_as_documented);
     RUN(scouts_serve_near_windows);
     RUN(windows_compose_what_they_show);
     RUN(pictures_take_the_rays_they_are_given);
