@@ -808,7 +808,7 @@
    selects a part; width, height and view_to_clip stay those of the whole picture. On the same GL driver, a window is
    the same to the bit, no matter which windows were made before. Windows fit together, because their tiles and the
    rotations of their sensors are those of the whole picture, and because a window also measures a margin, which is not
-   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 2 * tile + filter_radius +
+   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 3 * tile + filter_radius +
    1. Windows with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the
    complete picture with this mean and price. The joined picture therefore hardly has larger steps of light at the
    borders of windows than the complete picture has at these places.
@@ -9703,16 +9703,19 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
    tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. A window with a price has one more first-level tile at each side: whether a tile is split
-   depends on the sensors of the tiles beside it, and guides depend on scouts around them. All sizes and positions are
-   x and y in working pixels. */
+   anti-aliasing read. A window with a price has two more rings of first-level tiles: whether a tile is split depends
+   on the tiles of its own size beside it, whose splits depend on the sensors beyond them, and guides depend on scouts
+   around them. All sizes and positions are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: position in the whole picture, and size */
     int inset[2], shown[2];     /* the window: position in the working grid, and size */
     int margin;                 /* errors count up to this many pixels outside the window */
-    int has_ring;               /* 1: tiles are also refined if they are at most their own size away from the window */
+    int rings;                  /* number of rings of first-level tiles around the margin. If it is not 0, tiles are
+                                   also refined if they are at most their own size away from the window */
 } sbl__window;
+
+#define SBL__WINDOW_RINGS 2     /* rings of a window with a price */
 
 #define SBL__WINDOW_REACH 2     /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
@@ -9724,12 +9727,12 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.whole[0] = d->width;
     w.whole[1] = d->height;
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_REACH;
-    w.has_ring = d->price > 0;
+    w.rings = d->price > 0 ? SBL__WINDOW_RINGS : 0;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
         /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.has_ring;
-        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.has_ring, 0) * d->tile;
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile + w.rings;
+        w.first[k] = SBL__MAX(SBL__MAX(from - w.margin, 0) / d->tile - w.rings, 0) * d->tile;
         w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
         w.inset[k] = from - w.first[k];
         w.shown[k] = to - from;
@@ -9770,11 +9773,11 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with a ring, if it
+/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with rings, if it
    is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
 static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
     const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
-    const int reach = SBL__MAX(w->margin, w->has_ring ? span + 1 : 0);
+    const int reach = SBL__MAX(w->margin, w->rings ? span + 1 : 0);
     int k, touches = 1;
     for (k = 0; k < 2; k++)
         touches &= to[k] >= w->inset[k] - reach && from[k] < w->inset[k] + w->shown[k] + reach;
@@ -11639,6 +11642,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDES_MOST 16384
 #define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
 #define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
+#define SBL__SCOUTS_AWAY 5         /* a window sends scouts up to this number of half first-level tiles around it */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* A guide for which the scouts of the pixel sbl__guides.scout count */
@@ -19260,10 +19264,14 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->receivers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns 1 if the guide of a sensor whose error counts may be made from scouts at this pixel: a sensor takes a guide
-   less than one step away, which takes scouts up to sbl__guides.reach steps away. */
+/* Returns 1 if scouts at this pixel may count for a guide of a sensor that matters: a sensor takes a guide less than
+   one step away, which takes scouts up to sbl__guides.reach steps away. The sensors of the window matter and, in a
+   window with rings, those of tiles beside it. Where guides are far apart, scouts further away than the limit serve
+   little, and take much time. */
 static int sbl__scouts_serve(const sbl__refine *r, int index) {
-    const int reach = r->window.margin + (r->guides.reach + 1) * r->guides.step - 1;
+    const int beside = r->window.rings ? r->tile_size + 1 : 0;
+    const int away = beside + (r->guides.reach + 1) * r->guides.step - 1;
+    const int reach = r->window.margin + SBL__MIN(away, SBL__SCOUTS_AWAY * r->tile_size / 2);
     return sbl__window_covers(&r->window, reach, index % r->width, index / r->width);
 }
 
@@ -20624,13 +20632,17 @@ typedef struct sbl__resolve {
     const sbl__window *window;             /* position of the working grid in the whole picture */
 } sbl__resolve;
 
-/* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
+/* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`, for pixels that the window shows. rows:
+   first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const int shown = r->tone != SBL_TONE_NONE;
     const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
+    const sbl__window *w = r->window;
+    const int area[4] = { 0, rows[0], out->width, rows[1] };
+    const int inside[4] = { w->inset[0], w->inset[1], w->shown[0], w->shown[1] };
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, features);
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, out, rows[0], rows[1]);
+    sbl__pass(d, out, area, inside, 0);
     sbl__bind(d, "radiance", r->radiance);
     if (r->reflected) {
         sbl__bind(d, "reflected", r->reflected);

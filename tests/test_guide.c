@@ -508,12 +508,18 @@ static int distance_to_window(const sbl__refine *r, int x, int y) {
     return reach;
 }
 
-/* Returns the guide of a pixel of the full picture, or NULL if there is none, or if it serves no sensor whose error
-   counts: a window knows only the scouts that such guides need. */
+/* Returns the distance from the window up to which sensors matter: those whose errors count and, in a window with a
+   price, those of the tiles beside it. */
+static int sensors_reach(const sbl__refine *r) {
+    return r->window.margin + (r->price > 0 ? r->tile_size + 1 : 0);
+}
+
+/* Returns the guide of a pixel of the full picture, or NULL if there is none, or if it serves no sensor that matters: a
+   window knows only the scouts that such guides need. */
 static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
     const sbl__guides *g = &r->guides;
     const int column = x / g->step - g->first[0], row = y / g->step - g->first[1];
-    if (distance_to_window(r, x, y) >= r->window.margin + g->step) return NULL;
+    if (distance_to_window(r, x, y) >= sensors_reach(r) + g->step) return NULL;
     return sbl__guide_words(g, 1 + row * g->columns + column);
 }
 
@@ -563,8 +569,8 @@ TEST(windows_have_the_guides_of_the_whole) {
     sbl_destroy(context);
 }
 
-/* A window with a price, which has wide margins, sends no scouts that serve no sensor whose error counts. A guide that
-   is too far away for all scouts is that of light from everywhere, as guide 0 is. */
+/* A window with a price, which has wide margins, sends no scouts that serve no sensor that matters. A guide that is too
+   far away for all scouts is that of light from everywhere, as guide 0 is. */
 TEST(windows_send_only_scouts_that_serve) {
     static const int window[4] = { 70, 40, 57, 63 };
     sbl_context *context = watch_context(&seen, NULL, &dark_room);
@@ -583,7 +589,7 @@ TEST(windows_send_only_scouts_that_serve) {
     for (i = 0; i < r->guides.columns * r->guides.rows; i++) {
         const int step = r->guides.step, column = r->guides.first[0] + i % r->guides.columns;
         const int off = distance_to_window(r, column * step, (r->guides.first[1] + i / r->guides.columns) * step);
-        const int reach = r->window.margin + 5 * step, beyond = off >= reach;
+        const int reach = sensors_reach(r) + 5 * step, beyond = off >= reach;
         if (off && off < reach) continue;
         all[beyond]++;
         even[beyond] += !memcmp(sbl__guide_words(&r->guides, 1 + i), sbl__guide_words(&r->guides, 0),
@@ -591,6 +597,96 @@ TEST(windows_send_only_scouts_that_serve) {
     }
     CHECK(all[1] > 20 && even[1] == all[1], "%d of %d guides far from the window know light", all[1] - even[1], all[1]);
     CHECK(2 * even[0] < all[0], "%d of %d guides in the window know no light", even[0], all[0]);
+    sbl_destroy(context);
+}
+
+/* The margin of a window adds up to the width that ON PARTS in sbl.h tells: two rings of tiles more with a price. */
+TEST(margins_are_as_wide_as_documented) {
+    sbl_picture_desc view = view_of();
+    int priced, at;
+    view.width = view.height = 512;
+    view.tile = 16;
+    view.filter_radius = 2;
+    view.window[2] = view.window[3] = 40;
+    for (priced = 0; priced < 2; priced++) {
+        const int expected = (priced ? 3 : 1) * view.tile + view.filter_radius + 1;
+        int before = 0, after = 0;
+        view.price = (float)priced;
+        for (at = 200; at < 200 + view.tile; at++) {
+            sbl__window w;
+            view.window[0] = view.window[1] = at;
+            w = sbl__window_of(&view);
+            before = SBL__MAX(before, w.inset[0]);
+            after = SBL__MAX(after, w.size[1] - w.inset[1] - w.shown[1]);
+        }
+        CHECK(before == expected && after == expected, "price %d: the margin is up to %d and %d pixels wide, expected "
+              "%d", priced, before, after, expected);
+    }
+}
+
+/* Scouts serve the sensors of a window and of the tiles beside it, but where guides are far apart, no scout is further
+   away than its limit. */
+TEST(scouts_serve_near_windows) {
+    static const struct { int rings, step, most; } cases[4] = { { 0, 4, 15 }, { 2, 4, 32 }, { 2, 8, 44 },
+                                                                { 2, 32, 44 } };
+    enum { WIDE = 200, BEGIN = 90, END = 110, ROW = 100 };
+    sbl__refine r;
+    int i, x;
+    memset(&r, 0, sizeof r);
+    r.width = WIDE;
+    r.tile_size = 16;
+    r.guides.reach = 2;
+    r.window.margin = 4;
+    for (i = 0; i < 2; i++) {
+        r.window.inset[i] = BEGIN;
+        r.window.shown[i] = END - BEGIN;
+    }
+    for (i = 0; i < 4; i++) {
+        int least = WIDE, most = -1;
+        r.window.rings = cases[i].rings;
+        r.guides.step = cases[i].step;
+        for (x = 0; x < WIDE; x++) {
+            if (!sbl__scouts_serve(&r, ROW * WIDE + x)) continue;
+            least = SBL__MIN(least, x);
+            most = x;
+        }
+        CHECK(BEGIN - least == cases[i].most && most - END + 1 == cases[i].most, "case %d: scouts serve up to %d and "
+              "%d pixels away, expected %d", i, BEGIN - least, most - END + 1, cases[i].most);
+    }
+}
+
+/* Anti-aliasing composes only the pixels that a window shows, not those of its margin. */
+TEST(windows_compose_what_they_show) {
+    enum { ACROSS = 96, DOWN = 72 };
+    static const int window[4] = { 32, 32, 16, 16 };
+    static float all[3 * ACROSS * DOWN];
+    sbl_context *context = watch_context(&seen, NULL, &dark_room);
+    sbl_picture_desc view = view_of();
+    sbl__window real;
+    sbl__map *m;
+    int i, k, shown = 0, lit[2] = { 0, 0 };
+    REQUIRE(context, "no context");
+    view.samples = 2;
+    view.options.mode = SBL_MODE_AMBIENT;
+    view.options.epsilon = 0.5f;
+    view.price = 1;
+    for (k = 0; k < 3; k++) view.mean_radiance[k] = 0.5f;
+    memcpy(view.window, window, sizeof window);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    m = &context->picture.map;
+    real = m->window;
+    memcpy(m->size, real.size, sizeof m->size);
+    memcpy(m->window.shown, real.size, sizeof real.size);
+    memset(m->window.inset, 0, sizeof real.inset);  /* the host then reads the margin, too */
+    REQUIRE(m->size[0] * m->size[1] <= ACROSS * DOWN && m->size[0] > 16 && sbl_read_channel(context, SBL_CHANNEL_FINAL,
+            all, 3 * (size_t)(m->size[0] * m->size[1])) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < m->size[0] * m->size[1]; i++) {
+        const int inside = sbl__window_shows(&real, i % m->size[0], i / m->size[0]);
+        shown += inside;
+        lit[inside] += all[3 * i] > 0 && all[3 * i] < 100;
+    }
+    CHECK(shown == 256 && lit[1] > 200 && lit[0] < 20, "%d of %d pixels have light, and %d of the margin", lit[1],
+          shown, lit[0]);
     sbl_destroy(context);
 }
 
@@ -687,6 +783,9 @@ int main(void) {
     RUN(guides_are_bounded);
     RUN(windows_have_the_guides_of_the_whole);
     RUN(windows_send_only_scouts_that_serve);
+    RUN(margins_are_as_wide_as_documented);
+    RUN(scouts_serve_near_windows);
+    RUN(windows_compose_what_they_show);
     RUN(pictures_take_the_rays_they_are_given);
     RUN(memory_runs_out);
     scene_free(&dark_room);

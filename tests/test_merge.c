@@ -230,6 +230,23 @@ static void widen(const char *from, const char *to) {
     write_file(to, bytes, size);
 }
 
+/* Plans count the margin of a window in its cost. On an evenly lit floor, six windows of 96 x 16 pixels are least
+   expensive as three columns in two rows. Without margins, two columns would stay whole, and with wide ones all. */
+TEST(plans_know_what_margins_take) {
+    char text[4096];
+    const char *at;
+    int lines, count = 0, w[4];
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    write_text("floor.obj", "v -90 0 -90\nv 90 0 -90\nv 90 0 90\nv -90 0 90\nf 4 3 2 1\n");
+    CHECK(RENDER("floor.obj", "--eye", "0,5,0.1", "--look-at", "0,0,0", SMALL, "--mode", "direct", "--quiet", "--sky",
+                 "1,1,1", "--size", "96x16", "--part", "1/6", "-o", "a.exr", "--plan", "floor") == 0, "%s", ran.err);
+    read_text(in_folder("floor"), text, sizeof text, &lines);
+    for (at = strstr(text, "\nwindow "); at; at = strstr(at + 1, "\nwindow "), count++)
+        CHECK(sscanf(at, "\nwindow %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) == 4 && w[2] == 32 && w[3] == 8,
+              "window %d has %d x %d pixels", count + 1, w[2], w[3]);
+    CHECK(count == 6, "%d windows", count);
+}
+
 /* sbl_merge refuses missing, duplicate, damaged or foreign parts with one error that names the part or file, and leaves
    an existing output file unchanged. */
 TEST(wrong_parts_are_refused) {
@@ -456,6 +473,7 @@ int main(int argc, char **argv) {
     RUN(impossible_plans_are_reported_before_the_work);
     RUN(prices_grow_with_the_pixels);
     RUN(plans_know_what_rays_take);
+    RUN(plans_know_what_margins_take);
     RUN(wrong_parts_are_refused);
     RUN(windows_are_joined);
     RUN_PLAIN(drivers_may_differ);
