@@ -2,7 +2,7 @@
    vertices by least squares to points on the triangles. The program writes bake_vertices.ply, the Cornell box with its
    light as vertex colours, for any model viewer. It compares the interpolated light with that of a mesh of four times
    as many triangles, and prints the error of the fit and of plain averages. The first argument is the folder for the
-   file. With a second argument, the light is a draft. */
+   file. With a second argument, the light is a draft with few cells for bounced light. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -66,6 +66,7 @@ static int box_bake(sbl_context *context, const box *b, int average, sbl_preset 
     }
     scene.meshes = meshes;
     scene.mesh_count = CORNELL_QUADS;
+    if (preset == SBL_PRESET_DRAFT) scene.max_bounce_cells = 8192;
     /* sbl.h prints error messages to stderr */
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_vertices(context, &bake) == SBL_SUCCESS;
     free(local);

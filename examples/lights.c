@@ -1,7 +1,7 @@
 /* Demonstrates every kind of light in one picture each, and the penumbra of a large lamp at each preset. Below the
    pictures of the penumbra, the rays of four sensors are drawn; those that are blocked on their way to the lamp are
    red. The first argument is the folder for the pictures. With a second argument, the pictures are half as
-   wide and high, and those of the kinds are drafts. */
+   wide and high, and those of the kinds are drafts with few cells for bounced light. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { WIDTH = 320, HEIGHT = 240, INSETS = 4, INSET = WIDTH / INSETS, SLICES = 24, PANES = 6 };
+enum { WIDTH = 320, HEIGHT = 240, INSETS = 4, INSET = WIDTH / INSETS, SLICES = 24, PANES = 6, FEW_CELLS = 2048 };
 
 /* ---- three shapes, from which the scenes are built ---- */
 
@@ -146,6 +146,7 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
     scene.lights = &k->light;
     scene.light_count = k->light.intensity[0] > 0;
     scene.environment.radiance = k->sky;
+    if (preset == SBL_PRESET_DRAFT) scene.max_bounce_cells = FEW_CELLS;
     scene.environment.picture.width = 1024;
     scene.environment.picture.height = 512;
     if (!k->sky) scene.environment.picture.width = scene.environment.picture.height = 0;

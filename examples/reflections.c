@@ -94,7 +94,10 @@ int main(int argc, char **argv) {
     sbl_stats stats;
     char path[1024];
     int ok;
-    if (argc > 2) view.options.preset = SBL_PRESET_DRAFT;
+    if (argc > 2) {
+        view.options.preset = SBL_PRESET_DRAFT;
+        scene.max_bounce_cells = 2048;
+    }
     if (sbl_create(headless("reflections"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     make_ball();
     furnish();

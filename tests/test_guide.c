@@ -1,9 +1,6 @@
 /* Tests guides, which direct the rays of sensors when light comes through a hole: their densities, single rays compared
    with the hole, and the pictures. */
-#define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler then drops the functions that this program does not call */
-#define SBL_EGL
-#include "../sbl.h"
+#include "support/private.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/reference.h"

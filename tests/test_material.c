@@ -1,9 +1,6 @@
 /* Tests of the material interface: for random materials, material.glsl and the C functions in the section >>material of
    sbl.h give the same values. */
-#define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler then drops unused functions */
-#define SBL_EGL
-#include "../sbl.h"
+#include "support/private.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"

@@ -715,7 +715,7 @@ TEST(parts_are_the_whole) {
 
 /* >>time slices and cancelling */
 
-enum { MANY = 300 };
+enum { MANY = 150 };
 
 /* Chooses positions in and around the Cornell box, some of them inside its blocks. */
 static void many_places(float *at) {
@@ -766,7 +766,7 @@ TEST(slices_cancel_and_end) {
     desc.probes = now;
     for (i = 0; i < 2; i++) {
         memset(now, 0, sizeof now);
-        watched.batch = i ? 0 : 77;
+        watched.batch = i ? 0 : 38;
         sbl_destroy(context);
         context = watch_context(&seen, &watched, &s);
         REQUIRE(context && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
@@ -781,10 +781,10 @@ TEST(slices_cancel_and_end) {
               slices[i], steps,
               (double)before);
     }
-    desc.probe_count = 200;  /* the first probes do not depend on the total number */
+    desc.probe_count = 100;  /* the first probes do not depend on the total number */
     memset(now, 0, sizeof now);
     bake(&desc);
-    CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0,
+    CHECK(memcmp(now, whole, 100 * sizeof *now) == 0 && now[100].valid == 0 && now[100].sh[0][0] == 0,
           "the first probes change if there are fewer");
     desc.options.seed = 5;
     bake(&desc);

@@ -2,14 +2,8 @@
    programs are compiled when they are first used, or all at the start; unfinished pictures can be read; finished
    pictures stay readable. No test depends on the real time: the tests count pieces, or give sbl.h a clock that advances
    by a fixed amount per call. */
+#include "support/private.h"
 #include <sys/time.h>
-static int clock_of_test(struct timeval *out, void *zone);
-#define gettimeofday clock_of_test
-#define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler then drops unused functions */
-#define SBL_EGL
-#include "../sbl.h"
-#undef gettimeofday
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
@@ -23,9 +17,11 @@ static test_scene cornell;
 
 static long clock_tick, clock_now;  /* in microseconds; a tick of 0: the real time is used */
 
-static int clock_of_test(struct timeval *out, void *zone) {
-    (void)zone;
-    if (!clock_tick) return gettimeofday(out, NULL);
+/* The linker replaces gettimeofday by __wrap_gettimeofday; see scripts/Makefile. */
+int __real_gettimeofday(struct timeval *out, void *zone);
+int __wrap_gettimeofday(struct timeval *out, void *zone);
+int __wrap_gettimeofday(struct timeval *out, void *zone) {
+    if (!clock_tick) return __real_gettimeofday(out, zone);
     clock_now += clock_tick;
     out->tv_sec = clock_now / 1000000;
     out->tv_usec = clock_now % 1000000;
@@ -543,36 +539,40 @@ TEST(each_level_is_sharper) {
 /* Makes a picture, and reads FINAL into `preview` once, `late` steps after R is final. Returns 0 if the picture is
    complete before. out: receives FINAL of the complete picture */
 static int late_preview(sbl_context *context, const sbl_picture_desc *view, int late, float *preview, float *out) {
+    const size_t count = (size_t)(3 * view->width * view->height);
     sbl_result result = sbl_begin_picture(context, view) == SBL_SUCCESS ? SBL_UNFINISHED : SBL_ERROR_STATE;
     int steps = -1, read = 0;
     while (result == SBL_UNFINISHED) {
         result = sbl_step(context, 1e-9);
         steps += context->picture.map.developed;
         if (result != SBL_UNFINISHED || read || steps < late) continue;
-        CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, preview, 3 * PIXELS) == SBL_SUCCESS, "%s",
-              watch_last(&seen));
+        CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, preview, count) == SBL_SUCCESS, "%s", watch_last(&seen));
         read = 1;
     }
-    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, out, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, out, count) == SBL_SUCCESS, "%s", watch_last(&seen));
     return read;
 }
 
 /* A preview that is first read after R is final shows one sample at the centre of each pixel, with the emission there.
    Reading it does not change the finished picture, whichever samples have been drawn before. */
 TEST(late_previews_change_nothing) {
-    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE), single = view;
+    enum { NARROW = WIDTH / 2, LOW = HEIGHT / 2, BYTES = 3 * NARROW * LOW * (int)sizeof(float) };
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE), single;
     sbl_context *context = watch_context(&seen, NULL, &cornell);
     float *pictures[4];
     int i, late;
     if (!context) return;
-    view.threshold = single.threshold = 10;
+    view.width = NARROW;
+    view.height = LOW;
+    view.threshold = 10;
+    single = view;
     single.samples = 1;
-    for (i = 0; i < 4; i++) pictures[i] = (float *)malloc(3 * PIXELS * sizeof(float));
+    for (i = 0; i < 4; i++) pictures[i] = (float *)malloc(BYTES);
     late_preview(context, &single, INT_MAX, NULL, pictures[0]);
     late_preview(context, &view, INT_MAX, NULL, pictures[1]);
     for (late = 0; late_preview(context, &view, late, pictures[2], pictures[3]); late++) {
-        CHECK(!memcmp(pictures[0], pictures[2], 3 * PIXELS * sizeof(float)), "step %d: the preview differs", late);
-        CHECK(!memcmp(pictures[1], pictures[3], 3 * PIXELS * sizeof(float)), "step %d: the picture differs", late);
+        CHECK(!memcmp(pictures[0], pictures[2], BYTES), "step %d: the preview differs", late);
+        CHECK(!memcmp(pictures[1], pictures[3], BYTES), "step %d: the picture differs", late);
     }
     CHECK(late > 12, "the picture has %d late steps", late);
     for (i = 0; i < 4; i++) free(pictures[i]);

@@ -1,9 +1,7 @@
 /* Tests without GL of the sections device, topology, solver, seams, interpolation, bounces and refinement of sbl.h:
    sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a
    seam, light beside a silhouette, light of a leaf, and noise of sensors. */
-#define SBL_IMPLEMENTATION
-#define SBL_STATIC  /* the compiler then drops unused functions */
-#include "../sbl.h"
+#include "support/private.h"
 #include "support/test.h"
 
 static sbl__base base;

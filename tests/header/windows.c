@@ -1,7 +1,6 @@
 /* Tests that need Windows: test_windows.sh compiles this file with mingw-w64 and runs it under wine. */
 #include "../../examples/wgl.h"
-#define SBL_IMPLEMENTATION
-#include "../../sbl.h"
+#include "../support/private.h"
 #include "../support/test.h"
 
 static int unknown;  /* number of functions that wglGetProcAddress did not find */

@@ -1,5 +1,5 @@
 /* Private values of the implementation that tests read. sbl.c defines these functions in the same object as the
-   implementation. Tests that need no other private names share this object. Include after sbl.h. */
+   implementation. Tests that need other private names include private.h. Include this file after sbl.h. */
 #ifndef INSIDE_H
 #define INSIDE_H
 

@@ -1,4 +1,4 @@
-/* The implementation as one object, which all programs that use no private names share; see scripts/Makefile. */
+/* The implementation as one object, which all programs share; see scripts/Makefile. */
 #define SBL_IMPLEMENTATION
 #ifndef _WIN32
   #define SBL_EGL
