@@ -15257,11 +15257,11 @@ typedef struct sbl__hit {
     float distance;    /* length of the ray in world units; for a surface sample, length of the shortest of its rays
                           that hit a surface, or SBL__UNSEEN */
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
-    uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__bounce_link, and before
-                          that only if `current` is 1 */
+    uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
+                          before that only if `current` is 1 */
     uint16_t albedo[3];  /* of the surface, see sbl__albedo_pack */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
-    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__bounce_place sets it for
+    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_place sets it for
                           any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
@@ -15308,37 +15308,38 @@ typedef struct sbl__bounce_leaf {
 } sbl__bounce_leaf;
 
 #define SBL__BOUNCE_STAGES(X) \
-    X(SBL__BOUNCE_PATCHES, sbl__bounce_patches, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_GRID, sbl__bounce_grid, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_SAMPLE, NULL, sbl__bounce_sample, sbl__bounce_triangles, NULL) \
-    X(SBL__BOUNCE_CAST_SAMPLES, sbl__bounce_cast_samples, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_PLACE, NULL, sbl__bounce_place, sbl__bounce_queued, sbl__bounce_after_place) \
-    X(SBL__BOUNCE_CAST_CONTACTS, sbl__bounce_cast_contacts, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_CUT, NULL, sbl__bounce_cuts, sbl__bounce_uncut_leaves, sbl__bounce_after_cuts) \
-    X(SBL__BOUNCE_CAST_POINTS, sbl__bounce_cast_points, NULL, NULL, sbl__bounce_after_cast_points) \
-    X(SBL__BOUNCE_RELOCATE, NULL, sbl__bounce_relocate, sbl__bounce_points, sbl__bounce_after_relocate) \
-    X(SBL__BOUNCE_SORT, NULL, sbl__bounce_sort, sbl__bounce_points, sbl__bounce_after_sort) \
-    X(SBL__BOUNCE_LINK, NULL, sbl__bounce_link, sbl__bounce_points, sbl__bounce_after_link) \
-    X(SBL__BOUNCE_SITES, sbl__bounce_allocate, sbl__bounce_site, sbl__bounce_points, sbl__bounce_after_sites) \
-    X(SBL__BOUNCE_LIGHT, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_light) \
-    X(SBL__BOUNCE_DIRECT, sbl__bounce_reads_make, sbl__bounce_direct, sbl__bounce_leaves, NULL) \
-    X(SBL__BOUNCE_GATHER, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_gather) \
-    X(SBL__BOUNCE_SPREAD, sbl__bounce_spread_make, sbl__bounce_spread, sbl__bounce_points, NULL) \
-    X(SBL__BOUNCE_REGIONS, NULL, sbl__bounce_regions, sbl__bounce_leaves, NULL) \
-    X(SBL__BOUNCE_SCORE, NULL, sbl__bounce_score, sbl__bounce_leaves, sbl__bounce_after_score) \
-    X(SBL__BOUNCE_DIVIDE, NULL, sbl__bounce_divide, sbl__bounce_leaves, sbl__bounce_after_divide) \
-    X(SBL__BOUNCE_LAYERS, sbl__bounce_layers_make, sbl__bounce_layers_direct, sbl__bounce_leaves, NULL) \
-    X(SBL__BOUNCE_LAYERS_GATHER, NULL, sbl__bounce_layers_gather, sbl__bounce_leaves, sbl__bounce_after_layers_gather) \
-    X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bounce_sum_found, sbl__bounce_points, NULL) \
-    X(SBL__BOUNCE_CHOOSE, sbl__bounce_choose, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_GLOW, sbl__bounce_glow, NULL, NULL, sbl__bounce_after_glow) \
-    X(SBL__BOUNCE_NOISE, NULL, sbl__bounce_noise, sbl__bounce_leaves, sbl__bounce_after_noise) \
-    X(SBL__BOUNCE_PROPAGATE, NULL, sbl__bounce_gather, sbl__bounce_leaves, sbl__bounce_after_propagate) \
-    X(SBL__BOUNCE_UNCERTAINTY, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves, sbl__bounce_after_uncertainty) \
-    X(SBL__BOUNCE_LAYERS_SCALE, NULL, sbl__bounce_layers_scale, sbl__bounce_grouped_leaves, NULL) \
+    X(SBL__BOUNCE_PATCHES, sbl__cells_patches, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GRID, sbl__cells_grid, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_SAMPLE, NULL, sbl__cells_sample, sbl__cells_triangles, NULL) \
+    X(SBL__BOUNCE_CAST_SAMPLES, sbl__cells_cast_samples, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_PLACE, NULL, sbl__cells_place, sbl__cells_queued, sbl__cells_after_place) \
+    X(SBL__BOUNCE_CAST_CONTACTS, sbl__contacts_cast, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_CUT, NULL, sbl__contacts_cuts, sbl__contacts_uncut_leaves, sbl__contacts_after_cuts) \
+    X(SBL__BOUNCE_CAST_POINTS, sbl__cells_cast_points, NULL, NULL, sbl__cells_after_cast_points) \
+    X(SBL__BOUNCE_RELOCATE, NULL, sbl__solution_relocate, sbl__solution_points, sbl__solution_after_relocate) \
+    X(SBL__BOUNCE_SORT, NULL, sbl__solution_sort, sbl__solution_points, sbl__division_after_sort) \
+    X(SBL__BOUNCE_LINK, NULL, sbl__solution_link, sbl__solution_points, sbl__solution_after_link) \
+    X(SBL__BOUNCE_SITES, sbl__solution_allocate, sbl__solution_site, sbl__solution_points, sbl__solution_after_sites) \
+    X(SBL__BOUNCE_LIGHT, sbl__solution_run_job, NULL, NULL, sbl__solution_after_light) \
+    X(SBL__BOUNCE_DIRECT, sbl__solution_reads_make, sbl__solution_direct, sbl__solution_leaves, NULL) \
+    X(SBL__BOUNCE_GATHER, NULL, sbl__solution_gather, sbl__solution_leaves, sbl__solution_after_gather) \
+    X(SBL__BOUNCE_SPREAD, sbl__division_spread_make, sbl__division_spread, sbl__solution_points, NULL) \
+    X(SBL__BOUNCE_REGIONS, NULL, sbl__division_regions, sbl__solution_leaves, NULL) \
+    X(SBL__BOUNCE_SCORE, NULL, sbl__division_score, sbl__solution_leaves, sbl__division_after_score) \
+    X(SBL__BOUNCE_DIVIDE, NULL, sbl__division_divide_leaf, sbl__solution_leaves, sbl__division_after_divide) \
+    X(SBL__BOUNCE_LAYERS, sbl__solution_layers_make, sbl__solution_layers_direct, sbl__solution_leaves, NULL) \
+    X(SBL__BOUNCE_LAYERS_GATHER, NULL, sbl__solution_layers_gather, sbl__solution_leaves, \
+      sbl__solution_after_layers_gather) \
+    X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bright_sum_found, sbl__solution_points, NULL) \
+    X(SBL__BOUNCE_CHOOSE, sbl__bright_make_list, NULL, NULL, NULL) \
+    X(SBL__BOUNCE_GLOW, sbl__bright_glow, NULL, NULL, sbl__bright_after_glow) \
+    X(SBL__BOUNCE_NOISE, NULL, sbl__uncertainty_noise, sbl__solution_leaves, sbl__uncertainty_after_noise) \
+    X(SBL__BOUNCE_PROPAGATE, NULL, sbl__solution_gather, sbl__solution_leaves, sbl__uncertainty_after_propagate) \
+    X(SBL__BOUNCE_UNCERTAINTY, NULL, sbl__uncertainty_leaf, sbl__solution_leaves, sbl__uncertainty_after_uncertainty) \
+    X(SBL__BOUNCE_LAYERS_SCALE, NULL, sbl__solution_layers_scale, sbl__solution_grouped_leaves, NULL) \
     X(SBL__BOUNCE_LAMPS, sbl__bounce_lamps, NULL, NULL, NULL) \
     X(SBL__BOUNCE_SEND, sbl__bounce_send, NULL, NULL, sbl__bounce_after_send) \
-    X(SBL__BOUNCE_AIR, sbl__bounce_run_job, NULL, NULL, sbl__bounce_after_air)
+    X(SBL__BOUNCE_AIR, sbl__solution_run_job, NULL, NULL, sbl__bounce_after_air)
 enum { SBL__BOUNCE_STAGES(SBL__STAGE_NAME) SBL__BOUNCE_DONE };
 
 /* Decides which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its
@@ -15369,37 +15370,57 @@ typedef struct sbl__bounce {
                                         skip bright leaves, and the light of bright leaves is fixed */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
-    sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
-    double samples_due;              /* number of positions that surface samples should have on the triangles visited so
-                                        far; each position gets two samples, one on each side */
-    sbl__hits samples;               /* surface samples, spread over all surfaces */
-    sbl__hits queue;                 /* hits that may become points. Its list points into samples, hits or released */
-    sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
-    sbl__hits released;              /* hits that waited for the last cuts; the queue points to them */
-    sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
-    int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast and have
-                                        made their cuts; the stage CUT raises it when it ends */
-    int points_cast;                 /* number of points whose rays have been cast */
+
+    /* `patching` and all fields below it are freed and set to 0 when the store is ready. */
+
+    /* jobs: rays and readings, see >>cast */
+    sbl__patching patching;
     uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
     /* a cache: side of the last ray from a surface, and the results of sbl__side_offset for this side */
     struct { uint32_t side; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, positions in the air */
     sbl_reading *readings;
     int site_count;                  /* number of points in `sites`; not used by the last job */
-    struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
-    int changed;                     /* number of leaves that this round of division has divided, plus the number of
-                                        leaves that get further points */
+    sbl__table casts;
+    sbl__blocks blocks;
+    sbl__pace pace;
+    sbl__job job;
+
+    /* hits that become points in cells, see >>cells */
+    sbl__hits samples;               /* surface samples, spread over all surfaces */
+    sbl__hits queue;                 /* hits that may become points. Its list points into samples, hits or released */
+    sbl__hits waiting;               /* hits from the queue, in leaves that contact rays have yet to cut */
+    sbl__hits released;              /* hits that waited for the last cuts; the queue points to them */
+    double samples_due;              /* number of positions that surface samples should have on the triangles visited so
+                                        far; each position gets two samples, one on each side */
+    int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
+                                        when few leaves reflect light, since the light may be in a small room of a large
+                                        scene */
+    int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
+    int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
+    int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
+    double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
+                                        a hit. 0: it need not grow, or it cannot, and hits without a leaf are dropped */
+    sbl__black black;                /* decides which leaves black surfaces get */
+    int black_leaves;                /* number of leaves on black surfaces */
+    uint32_t ahead[SBL__BOUNCE_AHEAD];  /* buckets of the hits that will be placed next, see sbl__cells_prefetch */
+    int points_cast;                 /* number of points whose rays have been cast */
+
+    /* contact rays that cut cells, see >>contacts */
+    sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
+    int cut_leaves;                  /* number of leaves, from leaf 0 on, whose contact rays have been cast and have
+                                        made their cuts; the stage CUT raises it when it ends */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat surface) that
                                                    have cut their cells; a bucket keeps the latest */
-    uint32_t ahead[SBL__BOUNCE_AHEAD];  /* buckets of the hits that will be placed next, see sbl__bounce_prefetch */
     int recheck;                     /* 1: a line has cut leaves with indices below cut_leaves, for which no hit waits
                                         any more, so that all of `hits` must be queued again */
     int rechecking;                  /* 1: the queue holds all hits, which are being placed again */
+
+    /* the solution, see >>solution */
     sbl__bounce_read *reads;         /* the reads of all rays, leaf by leaf; rebuilt if a leaf or point changes its
                                         state */
     float *direct;                   /* 3 floats per leaf: its direct light; from the stage NOISE on, its noise, which
                                         the iteration then propagates as it propagated direct light */
-    sbl__leaf_found *leaf_found;     /* per leaf: what rays find there, for the choice of bright leaves */
     float *solved;                   /* 3 floats per leaf: its light, saved while the leaves hold noise */
     float *found_layers;             /* the layers of `readings` */
     float *direct_layers;            /* the layers of the direct light of each leaf */
@@ -15413,21 +15434,13 @@ typedef struct sbl__bounce {
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
-                                        a hit. 0: it need not grow, or it cannot, and hits without a leaf are dropped */
-    int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;                      /* number of rounds of the solution so far */
-    sbl__black black;                /* decides which leaves black surfaces get */
-    int black_leaves;                /* number of leaves on black surfaces */
-    int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
-                                        when few leaves reflect light, since the light may be in a small room of a large
-                                        scene */
-    int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
-    int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
-    sbl__table casts;
-    sbl__blocks blocks;
-    sbl__pace pace;
-    sbl__job job;
+
+    /* division of cells, see >>division and >>bright */
+    struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
+    int changed;                     /* number of leaves that this round of division has divided, plus the number of
+                                        leaves that get further points */
+    sbl__leaf_found *leaf_found;     /* per leaf: what rays find there, for the choice of bright leaves */
 } sbl__bounce;
 
 /* ======================================================================================================== >>cast
@@ -15622,7 +15635,7 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
 
 /* Adds the light that a point's ray finds by way of metal to the point's shine. parts: out_parts of cast.glsl; NULL
    without light groups */
-static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
+static void sbl__cast_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
     for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
@@ -15636,8 +15649,8 @@ static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3],
 
 /* Casts rays number stages.at to count - 1, as many as one piece of work allows. Returns SBL_UNFINISHED until all are
    cast, then SBL_SUCCESS. make: computes the ray `number`. hits: receives the hit of each ray at the ray's number */
-static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
-                                   sbl__hits *hits, const sbl__slice *slice) {
+static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
+                                 sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
     const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
@@ -15663,7 +15676,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
         const float *of[4];
         for (k = 0; k < 4; k++) of[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
         sbl__cast_take(&rays[i], of[0], of[1], of[2], &hits->list[at + i]);
-        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__bounce_add_shine(b, at + i, of[2], of[3]);
+        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_shine(b, at + i, of[2], of[3]);
         lost += of[1][3] < 0;
     }
     sbl__free(d->base, rays);
@@ -15686,7 +15699,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 #define SBL__STORE_FILL_FIRST 0.3  /* cells become larger if rays of surface samples alone cause a larger fill */
 #define SBL__STORE_FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by
                                             x */
-#define SBL__STORE_FILL_LEAST 0.12 /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the
+#define SBL__STORE_FILL_LEAST 0.12 /* if the fill is less, cells may become smaller, see sbl__cells_shrink; if the
                                       fill by reflecting leaves is less, sbl__bounce.sample_small becomes 1 */
 #define SBL__STORE_FILL_WIDER 0.6  /* at this fill or more, new leaves belong to cells of level 1 (see SBL__LEVELS) */
 #define SBL__STORE_FILL_WIDEST 0.8  /* at this fill or more, new leaves belong to cells of level 2 */
@@ -15775,7 +15788,7 @@ static float sbl__side_offset(const sbl__geometry *g, uint32_t side, float norma
 }
 
 /* Divides the surfaces into patches. Also makes the sequence of ray directions. */
-static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
+static sbl_result sbl__cells_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     uint32_t **words = &b->store->patches;
@@ -15793,7 +15806,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
 /* Empties the store. Sets unseen_level, the length of cells (1 in a scene without area) and the area below which
    patches are pooled. With growth and pool 1, leaves on both sides of all surfaces fill about SBL__STORE_FILL_AIM of
    the store. */
-static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
+static sbl_result sbl__cells_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     sbl__patching *p = &b->patching;
@@ -15814,7 +15827,7 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
+static int sbl__cells_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
 /* Adds a hit to a list. Returns 0 if memory is exhausted. */
 static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
@@ -15846,7 +15859,7 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
    patching.growth positions per cell area, or more, see SBL__BOUNCE_SAMPLES_LEAST. samples_due carries fractions to the
    next triangle. If sample_small is 1, also adds a sample to some of the triangles that get none by area: at most about
    SBL__BOUNCE_SMALL_SAMPLES. */
-static sbl_result sbl__bounce_sample(void *work, int at) {
+static sbl_result sbl__cells_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
     const double least = sbl__triangle_is_black(b->geometry, triangle) ? 0
@@ -15869,7 +15882,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
 
 /* Adds a point to a leaf at the position of a hit. Projects the position onto the triangle's plane, since rounding
    moves hits off it. Returns 0 if memory is exhausted. */
-static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+static int sbl__cells_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->side >> 1, 0);
     const size_t row = 6 * sizeof(float) * (size_t)b->core->scene.light_groups;
@@ -15893,7 +15906,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
 }
 
 /* Adds a leaf without points, and makes the reference lead to it. Returns 0 if memory is exhausted. */
-static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+static int sbl__cells_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__base *base = &b->core->base;
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
@@ -15908,13 +15921,13 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
 }
 
 /* Returns the number of queued hits, or 0 if needed_growth is set, which ends the stage PLACE. */
-static int sbl__bounce_queued(void *work) {
+static int sbl__cells_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
 /* Returns how many leaves may be on black surfaces, see sbl__black. */
-static int sbl__bounce_black_most(const sbl__bounce *b) {
+static int sbl__cells_black_most(const sbl__bounce *b) {
     static const double fills[] = { 1, 0, SBL__STORE_FILL_BLACK };
     return (int)(fills[b->black] * b->store->max_leaves);
 }
@@ -15936,7 +15949,7 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
    behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
    before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
    only the leaf's state is prefetched. */
-static void sbl__bounce_prefetch(sbl__bounce *b, int number) {
+static void sbl__cells_prefetch(sbl__bounce *b, int number) {
     const sbl__store *s = b->store;
     const sbl__hit *hits = b->queue.list;
     const int next = number + SBL__BOUNCE_AHEAD, half = number + SBL__BOUNCE_AHEAD / 2;
@@ -15961,17 +15974,17 @@ static void sbl__bounce_prefetch(sbl__bounce *b, int number) {
    have yet to cut it, the hit waits. Does nothing if the hit is on a black surface and black surfaces have as many
    leaves as they may have. If no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the
    hit. */
-static sbl_result sbl__bounce_place(void *work, int number) {
+static sbl_result sbl__cells_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     uint32_t *reference, word;
     int leaf, added, ok = 1;
-    sbl__bounce_prefetch(b, number);
+    sbl__cells_prefetch(b, number);
     if (at->side == SBL__NOWHERE) return SBL_SUCCESS;
     if (b->rechecking && sbl__hit_is_settled(b, at, number)) return SBL_SUCCESS;
     at->current = 0;
-    if (b->black_leaves >= sbl__bounce_black_most(b) && sbl__triangle_is_black(b->geometry, at->side >> 1))
+    if (b->black_leaves >= sbl__cells_black_most(b) && sbl__triangle_is_black(b->geometry, at->side >> 1))
         return SBL_SUCCESS;
     reference = sbl__hit_find(b, at, &word);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
@@ -15980,11 +15993,11 @@ static sbl_result sbl__bounce_place(void *work, int number) {
         return SBL_SUCCESS;
     }
     added = *reference == 0;
-    if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (added && !sbl__cells_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     b->black_leaves += added && sbl__triangle_is_black(b->geometry, at->side >> 1);
     leaf = (int)*reference - 1;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < sbl__points_most(b, at, leaf)) ok = sbl__cells_add_point(b, at, leaf);
     at->leaf = (uint32_t)leaf;
     /* A hit in a cell of a wider level is not current, because the cell of its own level may still get a leaf. */
     at->current = word == sbl__hit_word(s, at);
@@ -15992,21 +16005,21 @@ static sbl_result sbl__bounce_place(void *work, int number) {
 }
 
 /* Makes a list of hits the queue, without copying it. Returns the stage that makes points of them. */
-static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
+static int sbl__cells_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
     return SBL__BOUNCE_PLACE;
 }
 
-/* Queues all hits again; sbl__bounce_place skips those that are settled. Returns the stage PLACE. */
-static int sbl__bounce_queue_again(sbl__bounce *b) {
+/* Queues all hits again; sbl__cells_place skips those that are settled. Returns the stage PLACE. */
+static int sbl__cells_queue_again(sbl__bounce *b) {
     b->rechecking = 1;
-    return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+    return sbl__cells_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
 
 /* Starts again with the cells' area multiplied by `growth`. Returns the stage GRID. Larger cells do not help where
    patches outnumber leaves, so `pool` is multiplied, too, unless growth is below 1 and pool is above 1. */
-static int sbl__bounce_restart(sbl__bounce *b, double growth) {
+static int sbl__cells_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
@@ -16022,7 +16035,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
    or if smaller cells did not double the number of leaves that rays hit. This last condition is ignored if many rays
    are shorter than half a cell: surfaces that see each other may be smaller than cells, so that new leaves appear only
    after several attempts. */
-static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
+static double sbl__cells_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
     int i, nearby = 0, seen = 0, hits = 0;
@@ -16043,61 +16056,61 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
 
 /* Returns the stage that follows an attempt with one size of cells: GRID for another attempt, or RELOCATE if the size
    is found. If black surfaces take most leaves, they get none in the following attempts, and join in the last one. */
-static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
+static int sbl__cells_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
     const int few = reflecting < SBL__STORE_FILL_LEAST * b->store->max_leaves;
     double growth = 1;
     if (b->black == SBL__BLACK_JOINED) return SBL__BOUNCE_RELOCATE;
     if (b->black == SBL__BLACK_EQUAL && few && b->black_leaves > reflecting) b->black = SBL__BLACK_LEFT_OUT;
     else {
-        if (fill < SBL__STORE_FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
+        if (fill < SBL__STORE_FILL_LEAST) growth = sbl__cells_shrink(b, fill);
         if (growth >= 1 && (b->sample_small || !few)) {
             if (b->black == SBL__BLACK_EQUAL) return SBL__BOUNCE_RELOCATE;
             b->black = SBL__BLACK_JOINED;
         }
     }
     b->sample_small |= few;
-    return sbl__bounce_restart(b, growth);
+    return sbl__cells_restart(b, growth);
 }
 
 /* Forgets which leaves have been cut (sets `cut` of all leaves to 0), because all hits have been placed since the last
    cut. */
-static void sbl__bounce_forget_cuts(sbl__bounce *b) {
+static void sbl__cells_forget_cuts(sbl__bounce *b) {
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
 }
 
 /* Returns the stage after PLACE. GRID: cells must grow. CAST_CONTACTS, CAST_POINTS: leaves or points are new. PLACE:
-   hits must be placed again, or the surface samples come next. In the end, the stage that sbl__bounce_after_attempt
+   hits must be placed again, or the surface samples come next. In the end, the stage that sbl__cells_after_attempt
    returns or, after a division, RELOCATE. */
-static int sbl__bounce_after_place(void *work) {
+static int sbl__cells_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
-    if (b->rechecking) sbl__bounce_forget_cuts(b);
+    if (b->rechecking) sbl__cells_forget_cuts(b);
     b->rechecking = 0;
-    if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
+    if (b->needed_growth > 0) return sbl__cells_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__STORE_FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The leaves hit so far are too many: the rays that will be cast from their points hit still more leaves. */
-        return sbl__bounce_restart(b, pow(fill / SBL__STORE_FILL_FIRST, SBL__STORE_FILL_FIRST_POWER));
+        return sbl__cells_restart(b, pow(fill / SBL__STORE_FILL_FIRST, SBL__STORE_FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
     if (b->recheck) {  /* A cut through a leaf with points can leave one side without points. */
         b->recheck = 0;
-        return sbl__bounce_queue_again(b);
+        return sbl__cells_queue_again(b);
     }
     if (b->divisions) return SBL__BOUNCE_RELOCATE;
-    if (b->samples_placed) return sbl__bounce_after_attempt(b, fill);
+    if (b->samples_placed) return sbl__cells_after_attempt(b, fill);
     b->samples_placed = 1;
     b->seen_leaves = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->samples.list, b->samples.count);
+    return sbl__cells_queue(b, b->samples.list, b->samples.count);
 }
 
 /* >>cells: rays */
 
 /* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
    the direction, scrambled with a hash of `seed` */
-static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+static void sbl__cells_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
     if (b->origin.side != at->side) {
@@ -16113,18 +16126,18 @@ static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t
     out->limit = -SBL__UNBOUNDED;
 }
 
-static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__cells_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
-    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
-                            out);
+    sbl__cells_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                           out);
 }
 
 /* Casts the rays of surface samples and queues their hits. Sets a sample's distance to the distance of its nearest hit,
    or to SBL__UNSEEN. */
-static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
+static sbl_result sbl__cells_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
-    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    const sbl_result result = sbl__cast_rays(b, sbl__cells_sample_ray, rays, &b->hits, slice);
     int i;
     if (result != SBL_SUCCESS) return result;
     for (i = 0; i < rays; i++) {
@@ -16133,31 +16146,31 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
         if (b->hits.list[i].side == SBL__NOWHERE) continue;
         sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
     }
-    sbl__bounce_queue(b, b->hits.list, rays);
+    sbl__cells_queue(b, b->hits.list, rays);
     return SBL_SUCCESS;
 }
 
 /* Makes one ray of a point. Each point has SBL__BOUNCE_RAYS rays, and `number` is the ray's index among the rays of all
    points. The points of a leaf have different directions from each other and in each round of division. */
-static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__cells_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
     const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
     const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
-    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
+    sbl__cells_surface_ray(b, &p->at, hash, index, out);
 }
 
-static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
+static sbl_result sbl__cells_cast_points(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+    return sbl__cast_rays(b, sbl__cells_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
 
-static int sbl__bounce_after_cast_points(void *work) {
+static int sbl__cells_after_cast_points(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int first = b->points_cast * SBL__BOUNCE_RAYS;
     b->points_cast = b->point_count;
-    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
+    return sbl__cells_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
 /* ======================================================================================================== >>contacts
@@ -16175,7 +16188,7 @@ static int sbl__bounce_after_cast_points(void *work) {
 
 /* Makes contact ray `number` of the leaves that have not been cut yet. It starts at the leaf's first point, runs along
    the surface, and ends where it leaves the cube of the leaf's cell, at most two cell lengths away. */
-static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__contacts_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
     const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -16201,10 +16214,10 @@ static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) 
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
 }
 
-static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
+static sbl_result sbl__contacts_cast(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_contact_ray, (b->store->leaf_count - b->cut_leaves) * SBL__BOUNCE_CONTACTS,
-                            &b->contacts, slice);
+    return sbl__cast_rays(b, sbl__contacts_ray, (b->store->leaf_count - b->cut_leaves) * SBL__BOUNCE_CONTACTS,
+                          &b->contacts, slice);
 }
 
 /* the line along which an object stands on a flat surface */
@@ -16264,8 +16277,8 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
 }
 
 /* Cuts a leaf, or a part of a cell without a leaf. See sbl__store_cut. */
-static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
-                                        int side) {
+static sbl_result sbl__contacts_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
+                                          int side) {
     if (*reference) b->states[*reference - 1].cut = b->points_cast;
     return sbl__store_cut(&b->core->base, b->store, reference, normal, distance, side);
 }
@@ -16284,8 +16297,8 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
-        return sbl__bounce_store_cut(b, reference, line->normal, line->distance,
-                                     first && sbl__dot(line->normal, first) > line->distance);
+        return sbl__contacts_store_cut(b, reference, line->normal, line->distance,
+                                       first && sbl__dot(line->normal, first) > line->distance);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
@@ -16350,7 +16363,7 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
 /* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if sbl__contact_make makes one,
    otherwise only the leaf, if it continues behind the hit. Cuts nothing if the plane is nearly parallel to the surface
    or continues it smoothly, see SBL__CONTACT_STEEP. */
-static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
+static sbl_result sbl__contacts_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float beyond[3], normal[3], own[3], apart, distance;
@@ -16371,22 +16384,22 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     reference = sbl__store_find(s, patch, beyond, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     reference = sbl__store_find(s, patch, at->position, &depth);
-    return sbl__bounce_store_cut(b, reference, normal, distance, sbl__dot(normal, at->position) > distance);
+    return sbl__contacts_store_cut(b, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
-static int sbl__bounce_uncut_leaves(void *work) {
+static int sbl__contacts_uncut_leaves(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->store->leaf_count - b->cut_leaves;
 }
 
 /* Makes the cuts for the contact rays of leaf `at` among the leaves that have not been cut yet. */
-static sbl_result sbl__bounce_cuts(void *work, int at) {
+static sbl_result sbl__contacts_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (hits[i].side != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
+        if (hits[i].side != SBL__NOWHERE) result = sbl__contacts_cut(b, b->cut_leaves + at, &hits[i]);
     return result;
 }
 
@@ -16399,12 +16412,12 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
 }
 
 /* Queues the hits that have waited for the cuts. */
-static int sbl__bounce_after_cuts(void *work) {
+static int sbl__contacts_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->cut_leaves = b->store->leaf_count;
     sbl__swap(&b->waiting, &b->released, sizeof b->waiting);
     b->waiting.count = 0;
-    return sbl__bounce_queue(b, b->released.list, b->released.count);
+    return sbl__cells_queue(b, b->released.list, b->released.count);
 }
 
 /* ======================================================================================================== >>solution
@@ -16423,21 +16436,21 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>solution: points in order */
 
-static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
-static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
+static int sbl__solution_points(void *work) { return ((sbl__bounce *)work)->point_count; }
+static int sbl__solution_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
 /* Finds a point's leaf again, because later cuts may have moved the point to another leaf, which may be new. */
-static sbl_result sbl__bounce_relocate(void *work, int at) {
+static sbl_result sbl__solution_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     uint32_t *reference = sbl__hit_find(b, &p->at, NULL);
-    if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (reference && !*reference && !sbl__cells_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
     return SBL_SUCCESS;
 }
 
 /* Numbers the points of each leaf, and sets `first` of each leaf to its value after sorting. */
-static int sbl__bounce_after_relocate(void *work) {
+static int sbl__solution_after_relocate(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
     int i, next = 0;
@@ -16449,7 +16462,7 @@ static int sbl__bounce_after_relocate(void *work) {
 
 /* Sorts points, and the hits of their rays, by leaf. Without sorting, rounds of the iteration take 3 to 6 times as
    long. */
-static sbl_result sbl__bounce_sort(void *work, int at) {
+static sbl_result sbl__solution_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     sbl__hit *hits = b->hits.list;
@@ -16466,7 +16479,7 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
 
 /* Sets `leaf` of the hits of a point's rays to the leaf that the ray hits, or to SBL__NOWHERE. Points must be
    sorted. */
-static sbl_result sbl__bounce_link(void *work, int at) {
+static sbl_result sbl__solution_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
@@ -16480,15 +16493,15 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-static int sbl__bounce_after_link(void *work) {
-    sbl__bounce_forget_cuts((sbl__bounce *)work);
+static int sbl__solution_after_link(void *work) {
+    sbl__cells_forget_cuts((sbl__bounce *)work);
     return SBL__BOUNCE_SITES;
 }
 
 /* >>solution: light from lamps */
 
 /* Frees the sites and readings of b->job, their layers, and b->reads, which the current iteration has made. */
-static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
+static void sbl__solution_free_sites(sbl__base *base, sbl__bounce *b) {
     sbl__free(base, b->sites);
     sbl__free(base, b->readings);
     sbl__free(base, b->found_layers);
@@ -16500,10 +16513,10 @@ static void sbl__bounce_free_sites(sbl__base *base, sbl__bounce *b) {
 }
 
 /* Allocates `sites`, `readings` and, with light groups, `found_layers`. Frees `reads` first, to save memory. */
-static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
+static sbl_result sbl__solution_make_sites(sbl__bounce *b, size_t sites) {
     sbl__base *base = &b->core->base;
     const size_t groups = (size_t)b->core->scene.light_groups;
-    sbl__bounce_free_sites(base, b);
+    sbl__solution_free_sites(base, b);
     b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
     b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     if (groups) b->found_layers = (float *)sbl__alloc_raw(base, sites, 12 * groups);
@@ -16511,7 +16524,7 @@ static sbl_result sbl__bounce_make_sites(sbl__bounce *b, size_t sites) {
 }
 
 /* Frees the arrays that have one element per leaf, except b->states. */
-static void sbl__bounce_free_leaves(sbl__base *base, sbl__bounce *b) {
+static void sbl__solution_free_leaves(sbl__base *base, sbl__bounce *b) {
     void *const arrays[] = { b->direct, b->leaf_found, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(base, arrays[i]);
@@ -16519,19 +16532,19 @@ static void sbl__bounce_free_leaves(sbl__base *base, sbl__bounce *b) {
     b->leaf_found = NULL;
 }
 
-static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
+static sbl_result sbl__solution_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     const size_t leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
-    sbl__bounce_free_leaves(base, b);
+    sbl__solution_free_leaves(base, b);
     b->site_count = 0;
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->leaf_found = (sbl__leaf_found *)sbl__alloc_raw(base, leaves, sizeof *b->leaf_found);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
     if (!b->direct || !b->leaf_found || !b->solved) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__bounce_make_sites(b, (size_t)b->point_count);
+    return sbl__solution_make_sites(b, (size_t)b->point_count);
 }
 
 /* Returns 1 if a ray of a point sees a back face, so that the point may be stuck inside geometry. */
@@ -16542,7 +16555,7 @@ static int sbl__point_is_suspect(const sbl__bounce *b, int point) {
 }
 
 /* Adds a site for a point whose light is not measured, or for each point if glows are measured. */
-static sbl_result sbl__bounce_site(void *work, int at) {
+static sbl_result sbl__solution_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hit = &b->points[at].at;
     sbl__site *site;
@@ -16560,7 +16573,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
 
 /* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, if b->glows is 1, only
    from glows; SBL_MODE_GI: it measures all light */
-static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
+static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
     sbl__measurement measurement;
@@ -16573,7 +16586,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = 1;  /* rays over the hemisphere find nothing that the point's own rays have not found */
-        task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment */
+        task.spec.without_sky = 1;  /* sbl__solution_sky computes the light of the environment */
         task.spec.groups = c->scene.light_groups;
         task.layers = b->found_layers;
     }
@@ -16588,19 +16601,19 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     sbl__job_begin(&b->job, &c->scene, &task);
 }
 
-static int sbl__bounce_after_sites(void *work) {
+static int sbl__solution_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count && !b->glows; i++) b->states[i].bright = 0;
     b->rounds = 0;
     b->change = 0;
     if (!b->site_count) return SBL__BOUNCE_DIRECT;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->site_count);
+    sbl__solution_measure(b, SBL_MODE_DIRECT, b->site_count);
     return SBL__BOUNCE_LIGHT;
 }
 
 /* Stores the light measured at each site in its point. Adds the light of glows to that of other lamps. */
-static int sbl__bounce_after_light(void *work) {
+static int sbl__solution_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     int i, k;
@@ -16618,7 +16631,7 @@ static int sbl__bounce_after_light(void *work) {
     return SBL__BOUNCE_DIRECT;
 }
 
-static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
+static sbl_result sbl__solution_run_job(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
     const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
@@ -16638,7 +16651,7 @@ static double sbl__point_weight(const sbl__bounce *b, int point) {
 }
 
 /* Computes the radiance of the environment that a ray of a point finds, or 0 if the ray hits a surface. */
-static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float out[3]) {
+static void sbl__solution_ray_sky(const sbl__bounce *b, int point, int ray, float out[3]) {
     const sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS + (size_t)ray];
     double direction[3];
     int k;
@@ -16650,19 +16663,19 @@ static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float 
 }
 
 /* Computes the light of the environment from those rays of a point that hit nothing. */
-static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
+static void sbl__solution_sky(const sbl__bounce *b, int point, float out[3]) {
     float light[3];
     int i, k;
     out[0] = out[1] = out[2] = 0;
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
-        sbl__bounce_ray_sky(b, point, i, light);
+        sbl__solution_ray_sky(b, point, i, light);
         for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
     }
 }
 
 /* Returns the approximate fraction of its cell that a leaf covers: each division halves it. Returns 1 for a leaf
    without points. */
-static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
+static float sbl__solution_share(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
     uint32_t patch, reference;
@@ -16678,11 +16691,11 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
 }
 
 /* Allocates the reads of all points. */
-static sbl_result sbl__bounce_reads_make(void *work, sbl__slice *slice) {
+static sbl_result sbl__solution_reads_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
     if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
-    sbl__bounce_free_sites(&b->core->base, b);
+    sbl__solution_free_sites(&b->core->base, b);
     b->reads = (sbl__bounce_read *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count * SBL__BOUNCE_RAYS +
                                                   SBL__BOUNCE_AHEAD, sizeof *b->reads);
     return b->reads ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -16697,7 +16710,7 @@ static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
 static int sbl__first_read(const sbl__bounce *b, int leaf) { return leaf ? b->states[leaf - 1].read_end : 0; }
 
 /* Writes the reads of a leaf (see sbl__bounce_read). They follow those of the leaf before it. */
-static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
+static void sbl__solution_reads(sbl__bounce *b, int leaf) {
     sbl__bounce_leaf *state = &b->states[leaf];
     int i, end = sbl__first_read(b, leaf);
     for (i = state->first; i < state->first + state->points; i++) {
@@ -16709,26 +16722,26 @@ static void sbl__bounce_reads(sbl__bounce *b, int leaf) {
         }
     }
     state->read_end = end;
-    /* sbl__bounce_gather prefetches for SBL__BOUNCE_AHEAD reads that follow the last one. */
+    /* sbl__solution_gather prefetches for SBL__BOUNCE_AHEAD reads that follow the last one. */
     if (leaf + 1 == b->store->leaf_count) memset(&b->reads[end], 0, SBL__BOUNCE_AHEAD * sizeof *b->reads);
 }
 
 /* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if it
    has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
-static sbl_result sbl__bounce_direct(void *work, int at) {
+static sbl_result sbl__solution_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
     float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
-    state->share = sbl__bounce_share(b, at);
-    sbl__bounce_reads(b, at);
+    state->share = sbl__solution_share(b, at);
+    sbl__solution_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
         if (!b->points[i].valid) continue;
-        sbl__bounce_sky(b, i, sky);
+        sbl__solution_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
         for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].shine[k]) / (float)state->valid;
     }
@@ -16742,7 +16755,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
                                    sums would be NaN */
 
 /* Adds SBL__BOUNCE_UNIT * (light that a point's rays read from leaves, see sbl__hit_is_read). */
-static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
+static void sbl__solution_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
@@ -16754,8 +16767,8 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
 static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
     float received[3] = { 0, 0, 0 }, sky[3];
     int k;
-    sbl__bounce_add_received(b, point, received);
-    sbl__bounce_sky(b, point, sky);
+    sbl__solution_add_received(b, point, received);
+    sbl__solution_sky(b, point, sky);
     for (k = 0; k < 3; k++)
         light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k] +
                    b->points[point].shine[k];
@@ -16763,7 +16776,7 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
 
 /* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points' rays read.
    Leaves of lower indices already have the new light of this round (Gauss-Seidel iteration). */
-static sbl_result sbl__bounce_gather(void *work, int at) {
+static sbl_result sbl__solution_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
     const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
@@ -16791,7 +16804,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
 }
 
 /* Warns once per scene if clamping of albedos makes a visible difference. direct, all: sums of direct and all light */
-static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
+static void sbl__solution_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
     int i, white = 0;
     for (i = 0; i < g->mesh_count; i++) white += sbl__albedo_is_limited(&g->objects[i]);
@@ -16804,14 +16817,14 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
 
 /* Returns the stage that follows once the light of all leaves is known. layers: 1: the layers are not known yet, and
    come first if the scene has light groups */
-static int sbl__bounce_next(const sbl__bounce *b, int layers) {
+static int sbl__solution_next(const sbl__bounce *b, int layers) {
     if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
     return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SUM_FOUND;
 }
 
 /* Returns GATHER for another round, or the stage after the last round. In the first rounds, scales gathered light, per
    channel, so that emitted and lost light balance; otherwise the overall brightness of a room would converge last. */
-static int sbl__bounce_after_gather(void *work) {
+static int sbl__solution_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__store *s = b->store;
     double all_direct = 0, sum = 0, ratio;
@@ -16835,15 +16848,15 @@ static int sbl__bounce_after_gather(void *work) {
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
     if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    if (!b->glows) sbl__bounce_warn(b, all_direct, sum);
+    if (!b->glows) sbl__solution_warn(b, all_direct, sum);
     if (!b->glows && b->divisions < SBL__DIVISIONS) return SBL__BOUNCE_SPREAD;
-    return sbl__bounce_next(b, 1);
+    return sbl__solution_next(b, 1);
 }
 
 /* >>solution: light groups. Once the light of all leaves is known, the same equations are solved for the part of the
    light that each light group causes, with as many rounds, and again once glows are measured. */
 
-static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
+static sbl_result sbl__solution_layers_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     sbl__store *s = b->store;
@@ -16860,8 +16873,8 @@ static sbl_result sbl__bounce_layers_make(void *work, sbl__slice *slice) {
     return s->layers && b->direct_layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Does the same as sbl__bounce_direct, but for the layers of a leaf instead of its light. */
-static sbl_result sbl__bounce_layers_direct(void *work, int at) {
+/* Does the same as sbl__solution_direct, but for the layers of a leaf instead of its light. */
+static sbl_result sbl__solution_layers_direct(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__bounce_leaf *state = &b->states[at];
     const int floats = 3 * b->core->scene.light_groups, sky = 3 * b->core->scene.environment.layer;
@@ -16871,7 +16884,7 @@ static sbl_result sbl__bounce_layers_direct(void *work, int at) {
     for (i = state->first; i < state->first + state->points; i++) {
         const float *own = sbl__point_layers(b, i, 0), *shine = sbl__point_layers(b, i, 1);
         if (!b->points[i].valid) continue;
-        sbl__bounce_sky(b, i, light);
+        sbl__solution_sky(b, i, light);
         for (k = 0; k < floats; k++) direct[k] += (own[k] + shine[k]) / (float)state->valid;
         for (k = 0; k < 3; k++) direct[sky + k] += light[k] / (float)state->valid;
     }
@@ -16880,8 +16893,8 @@ static sbl_result sbl__bounce_layers_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Does the same as sbl__bounce_gather, but for the layers of a leaf instead of its light. */
-static sbl_result sbl__bounce_layers_gather(void *work, int at) {
+/* Does the same as sbl__solution_gather, but for the layers of a leaf instead of its light. */
+static sbl_result sbl__solution_layers_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
     const sbl__bounce_read *read = b->reads + sbl__first_read(b, at), *const end = b->reads + leaf->read_end;
@@ -16907,8 +16920,8 @@ static sbl_result sbl__bounce_layers_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Scales gathered light in the first rounds, like sbl__bounce_after_gather. */
-static int sbl__bounce_after_layers_gather(void *work) {
+/* Scales gathered light in the first rounds, like sbl__solution_after_gather. */
+static int sbl__solution_after_layers_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     int i, k;
@@ -16924,11 +16937,11 @@ static int sbl__bounce_after_layers_gather(void *work) {
         }
     }
     if (++b->layer_round < b->rounds) return SBL__BOUNCE_LAYERS_GATHER;
-    return sbl__bounce_next(b, 0);
+    return sbl__solution_next(b, 0);
 }
 
 /* Scales the layers of a leaf so that they add up to its light. This corrects the remaining error of the iteration. */
-static sbl_result sbl__bounce_layers_scale(void *work, int at) {
+static sbl_result sbl__solution_layers_scale(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     float *layers = b->store->layers + (size_t)floats * (size_t)at;
@@ -16943,7 +16956,7 @@ static sbl_result sbl__bounce_layers_scale(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-static int sbl__bounce_grouped_leaves(void *work) {
+static int sbl__solution_grouped_leaves(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->core->scene.light_groups ? b->store->leaf_count : 0;
 }
@@ -16994,7 +17007,7 @@ typedef struct sbl__division {
                                         nothing */
 } sbl__division;
 
-static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
+static sbl_result sbl__division_spread_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     (void)slice;
@@ -17014,7 +17027,7 @@ static void sbl__division_free(sbl__base *base, sbl__bounce *b) {
 }
 
 /* Adds the hits of a valid point's rays to the spreads of the leaves that they hit. */
-static sbl_result sbl__bounce_spread(void *work, int at) {
+static sbl_result sbl__division_spread(void *work, int at) {
     static const float one[3] = { 1, 1, 1 };
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -17056,7 +17069,7 @@ static void sbl__region_add(sbl__region *r, double light, double weight) {
 }
 
 /* Adds the valid points of a leaf to its region and to the sums of all regions. */
-static sbl_result sbl__bounce_regions(void *work, int at) {
+static sbl_result sbl__division_regions(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__bounce_leaf *state = &b->states[at];
     sbl__region *region = state->points ? sbl__region_of(b, at) : NULL;
@@ -17079,7 +17092,7 @@ static int sbl__score_class(double score) {
 }
 
 /* Computes a leaf's score, or leaves it 0 if few rays hit the leaf. Adds the leaf to its class and to the sums. */
-static sbl_result sbl__bounce_score(void *work, int at) {
+static sbl_result sbl__division_score(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__division *d = b->division;
     sbl__spread *spread = &d->spreads[at];
@@ -17098,7 +17111,7 @@ static sbl_result sbl__bounce_score(void *work, int at) {
 }
 
 /* Decides whether the round changes anything, and in which classes leaves are divided (b->division->least). */
-static int sbl__bounce_after_score(void *work) {
+static int sbl__division_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     const double leaves = b->store->leaf_count;
@@ -17119,7 +17132,7 @@ static int sbl__points_due(const sbl__spread *spread) {
 
 /* Unless light is exact enough, raises `most` of a leaf to the number of points due, and divides a leaf of a high class
    by a plane through the mean position of its hits, perpendicular to the axis along which they spread most. */
-static sbl_result sbl__bounce_divide(void *work, int at) {
+static sbl_result sbl__division_divide_leaf(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
     sbl__bounce_leaf *state = &b->states[at];
@@ -17153,19 +17166,19 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     return result;
 }
 
-static int sbl__bounce_after_divide(void *work) {
+static int sbl__division_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division_free(&b->core->base, b);
     if (!b->changed) b->divisions = SBL__DIVISIONS;  /* no further round, even if lamps change later */
-    return b->changed ? SBL__BOUNCE_RELOCATE : sbl__bounce_next(b, 1);
+    return b->changed ? SBL__BOUNCE_RELOCATE : sbl__solution_next(b, 1);
 }
 
 /* Returns the stage LINK or, if leaves have been divided or need points, queues all hits and returns PLACE. */
-static int sbl__bounce_after_sort(void *work) {
+static int sbl__division_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
     b->changed = 0;
-    return sbl__bounce_queue_again(b);
+    return sbl__cells_queue_again(b);
 }
 
 /* ======================================================================================================== >>bright
@@ -17203,7 +17216,7 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->leaf_found. b->leaf_found
    ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
-static sbl_result sbl__bounce_sum_found(void *work, int at) {
+static sbl_result sbl__bright_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
     const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
@@ -17217,7 +17230,7 @@ static sbl_result sbl__bounce_sum_found(void *work, int at) {
         float sum[3] = { 0, 0, 0 };
         double light;
         if (hits[j].leaf == SBL__NOWHERE) {
-            sbl__bounce_ray_sky(b, at, j, sum);
+            sbl__solution_ray_sky(b, at, j, sum);
             light = (double)sbl__luminance(sum);
         } else {
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
@@ -17307,7 +17320,7 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
    Candidates are leaves that far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
-static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
+static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
     const double least = SBL__BRIGHT_LEAST * b->found.light;
@@ -17353,14 +17366,14 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
+static sbl_result sbl__bright_glow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
 /* Returns SITES, to measure the light of glows at all points, or NOISE if the scene has no glows. This light replaces
    the light that the points' rays find on bright leaves, because too few of these rays hit them. */
-static int sbl__bounce_after_glow(void *work) {
+static int sbl__bright_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
@@ -17369,7 +17382,7 @@ static int sbl__bounce_after_glow(void *work) {
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
     for (i = 0; i < b->store->leaf_count; i++)  /* Rays by way of metal read bright leaves, whose red counts without its
-                                                   sign. sbl__bounce_uncertainty sets the sign again. */
+                                                   sign. sbl__uncertainty_leaf sets the sign again. */
         b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
@@ -17381,7 +17394,7 @@ static int sbl__bounce_after_glow(void *work) {
    works, leaves hold noise in place of their light. In the end they have their light again, and their uncertainty. */
 
 #define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
-                                      sbl__bounce_after_noise */
+                                      sbl__uncertainty_after_noise */
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
@@ -17393,13 +17406,13 @@ static int sbl__bounce_after_glow(void *work) {
 /* Makes a leaf's reads again, because bright leaves are known now, and saves its light in b->solved. Sets b->direct to
    its standard error with a random sign per channel. The error is estimated from the differences between its valid
    points; for a single point it is half the light, and without points 0. */
-static sbl_result sbl__bounce_noise(void *work, int at) {
+static sbl_result sbl__uncertainty_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
     const uint32_t signs = sbl__hash_step(0, (uint32_t)at);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
     int i, k;
-    sbl__bounce_reads(b, at);
+    sbl__solution_reads(b, at);
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         double light[3];
@@ -17419,7 +17432,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
 }
 
 /* Replaces the light of all leaves by their noise, so that further rounds propagate the noise along the same rays. */
-static int sbl__bounce_after_noise(void *work) {
+static int sbl__uncertainty_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count; i++)
@@ -17428,7 +17441,7 @@ static int sbl__bounce_after_noise(void *work) {
     return SBL__BOUNCE_PROPAGATE;
 }
 
-static int sbl__bounce_after_propagate(void *work) {
+static int sbl__uncertainty_after_propagate(void *work) {
     const int round = ++((sbl__bounce *)work)->rounds;
     return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
@@ -17439,8 +17452,8 @@ static int sbl__bounce_after_propagate(void *work) {
    point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
    covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, which do
    not read this cell, and for bright leaves, which rays skip. */
-static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
-                                    const sbl__hit *hit) {
+static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
+                                         const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
     double cosines[2] = { 0, 0 }, across, light, share;
     int k;
@@ -17459,8 +17472,9 @@ static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, co
 }
 
 /* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
-   noise that other leaves have sent, combined with the error of cells whose light varies, see sbl__bounce_smoothed2. */
-static sbl_result sbl__bounce_uncertainty(void *work, int at) {
+   noise that other leaves have sent, combined with the error of cells whose light varies, see
+   sbl__uncertainty_smoothed2. */
+static sbl_result sbl__uncertainty_leaf(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -17481,7 +17495,7 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
         float normal[3];
         sbl__side_normal(b->geometry, point->at.side, normal);
         for (j = 0; j < (point->valid ? SBL__BOUNCE_RAYS : 0); j++)
-            smoothed2 += sbl__bounce_smoothed2(b, &point->at, normal, &hits[j]);
+            smoothed2 += sbl__uncertainty_smoothed2(b, &point->at, normal, &hits[j]);
     }
     smoothed2 = all > 0 && leaf->valid ? SBL__MIN(smoothed2 / (SBL__BOUNCE_RAYS * leaf->valid * all * all), 1) : 0;
     uncertainty2 = SBL__MIN(uncertainty2, SBL__UNCERTAINTY_MOST * SBL__UNCERTAINTY_MOST);
@@ -17493,7 +17507,7 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
 
 /* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, so that they are the same as
    after sbl_load_store. */
-static int sbl__bounce_after_uncertainty(void *work) {
+static int sbl__uncertainty_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
     return SBL__BOUNCE_LAYERS_SCALE;
@@ -17511,7 +17525,7 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl_result result = sbl__bounce_make_sites(b, SBL__AIR_SITES);
+    const sbl_result result = sbl__solution_make_sites(b, SBL__AIR_SITES);
     (void)slice;
     b->core->device.gl.doing = "storing bounced light";
     return result != SBL_SUCCESS ? result
@@ -17539,7 +17553,7 @@ static int sbl__bounce_after_send(void *work) {
         site->number = (uint32_t)i;
         site->looks = 1;
     }
-    sbl__bounce_measure(b, SBL_MODE_GI, SBL__AIR_SITES);
+    sbl__solution_measure(b, SBL_MODE_GI, SBL__AIR_SITES);
     return SBL__BOUNCE_AIR;
 }
 
@@ -17566,9 +17580,9 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
                              b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
-    sbl__bounce_free_leaves(d->base, b);
+    sbl__solution_free_leaves(d->base, b);
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
-    sbl__bounce_free_sites(d->base, b);
+    sbl__solution_free_sites(d->base, b);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -17993,7 +18007,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    picture's mean luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms mostly call functions
    of >>rounds and >>fill; only >>reflections and sbl__map_seconds_left also use fields of sbl__refine. */
 
-enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
+enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__places_occlusion */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
@@ -18014,7 +18028,7 @@ typedef struct sbl__sensor {
     short round;              /* index of the last round that read the sensor; 0 also if no round has */
     unsigned char level;      /* 1 + level of the tile that put the sensor here; 0: the light is from the store */
     unsigned char sensed;     /* 1: radiance is known */
-    unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__refine_validate */
+    unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__places_validate */
     unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under an object; SBL__TOUCHED: a
                                  surface is close to it; 0: neither, or not tested */
     unsigned char queued;     /* 1: the sensor is among the sites of the current job */
@@ -18048,13 +18062,13 @@ typedef struct sbl__pixel_lobe {
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
 
 #define SBL__REFINE_STAGES(X) \
-    X(SBL__REFINE_TILES, sbl__refine_tiles, NULL, NULL, sbl__refine_after_tiles) \
-    X(SBL__REFINE_LIST, sbl__refine_list, NULL, NULL, sbl__refine_after_list) \
+    X(SBL__REFINE_TILES, sbl__tiles_first_level, NULL, NULL, sbl__refine_after_tiles) \
+    X(SBL__REFINE_LIST, sbl__tiles_list, NULL, NULL, sbl__refine_after_list) \
     X(SBL__REFINE_SENSE, sbl__refine_sense, NULL, NULL, NULL) \
     X(SBL__REFINE_TAKE, NULL, sbl__refine_take, sbl__refine_sites, sbl__refine_after_take) \
-    X(SBL__REFINE_COUNT, sbl__refine_count, NULL, NULL, NULL) \
-    X(SBL__REFINE_WEIGH, NULL, sbl__refine_weigh, sbl__refine_tile_count, sbl__refine_after_weigh) \
-    X(SBL__REFINE_SPEND, NULL, sbl__refine_spend, sbl__refine_weighed, sbl__refine_after_spend) \
+    X(SBL__REFINE_COUNT, sbl__weigh_count, NULL, NULL, NULL) \
+    X(SBL__REFINE_WEIGH, NULL, sbl__weigh_tile, sbl__weigh_tile_count, sbl__refine_after_weigh) \
+    X(SBL__REFINE_SPEND, NULL, sbl__weigh_spend, sbl__weigh_weighed_tiles, sbl__refine_after_spend) \
     X(SBL__REFINE_RESTART, NULL, NULL, NULL, sbl__refine_after_restart) \
     X(SBL__REFINE_LIST_SCOUTS, sbl__scouts_list, NULL, NULL, sbl__refine_after_list) \
     X(SBL__REFINE_SENSE_SCOUTS, sbl__refine_sense, NULL, NULL, NULL) \
@@ -18107,12 +18121,16 @@ typedef struct sbl__refine {
                                  smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
     float facet_limit;        /* lightmaps only: sbl_lightmap_desc.facet_limit in world units; 0: not used */
-    double lit, lit_light, lit_backs;  /* over sensors that were tested for occlusion and are not dark, see
-                                 SBL__HIDDEN_DARK: their number; sums of luminance and of sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
                                  are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): not used */
     float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
+    float mean_final;         /* luminance of sbl_picture_desc.mean_final */
+    float price, price_paid;  /* sbl_picture_desc.price; sbl_stats.picture.price */
+    int look_rays;            /* sbl_picture_desc.look_rays */
+    int counts_steps;         /* 1: sbl__sensor.work contains the steps of rays */
+
+    /* the picture or map, and its tiles */
     sbl__pixel *pixels;
     sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Sensor 0, all zeroes, stands for
                                  the sensor of each pixel without one, and is read-only */
@@ -18121,17 +18139,14 @@ typedef struct sbl__refine {
                                  refined */
     float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
                                  errors of FINAL. NULL: predicted errors are errors of R */
-    double diffuse, specular; /* sum over pixels of the luminance of the albedo of the surface; the same of its lobe */
-    double shown_pixels;      /* number of pixels in these two sums */
-    double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
-    float shown2;             /* see sbl__weigh_shown2 */
-    float mean_final;         /* luminance of sbl_picture_desc.mean_final */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
     size_t layer_floats;      /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics or light groups), pixel after pixel; layer 0 is
                                  sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
+
+    /* the current round, see >>tiles and >>rounds */
     int first_new;            /* index of the first tile that has not been weighed yet */
     int row;                  /* next row of pixels of the current tile in the stage COUNT */
     int rounds, weighed;      /* number of rounds whose readings have been taken; 1: errors have been predicted. A
@@ -18142,44 +18157,57 @@ typedef struct sbl__refine {
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
     int site_count, site_room, reading_room, reading_layer_room, look_count;
+    sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
+    int64_t looks_taken;
+    int bought;               /* number of tiles split and of sensors given more looks in this round */
+
+    /* hidden texels, see >>places */
+    double lit, lit_light, lit_backs;  /* over sensors that were tested for occlusion and are not dark, see
+                                 SBL__HIDDEN_DARK: their number; sums of luminance and of sbl_reading.back_share */
     int *searched;            /* indices of the texels that this round searches for places */
     int searched_count, searched_room;
     sbl__site *places;        /* the places of all texels that have some: positions from which a texel's sensor looks
                                  instead of from its hidden centre, see >>places */
     int place_count, place_room;
-    sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
-    int64_t looks_taken;
+
+    /* means, see >>weigh */
     float mean[3], luminance; /* mean over the picture, and its luminance: of R or, in a refinement of lobes, of FINAL
                                  without emission */
     int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors), or of the light that
                                       lobes add to FINAL; their number */
     float weights[3];         /* factors from a difference in each channel to a relative error */
+    double diffuse, specular; /* sum over pixels of the luminance of the albedo of the surface; the same of its lobe */
+    double shown_pixels;      /* number of pixels in these two sums */
+    double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
+    float shown2;             /* see sbl__weigh_shown2 */
+    double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
+    double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
+
+    /* the noise of looks, see >>weigh */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
                                           (mean luminance of the earlier looks - mean luminance of the new looks)^2 */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
+    double look_variance;     /* relative variance of one look, averaged over the picture */
+
+    /* the predicted error, see >>weigh */
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared standard error that stored light causes in the luminance
                                  of R or, if `shares` is set, of FINAL. In a refinement of lobes, sum over pixels of
                                  sbl__pixel_lobe.rest squared */
-    double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
-    double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
-    double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
     double stored, own;       /* two parts of `predicted`: stored is caused by uncertainty2; own is caused by the noise
                                  of sensors and by interpolation */
+
+    /* what the next round buys, see >>weigh */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of gain * cost of all possible splits and looks */
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
+    float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
     double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
-    float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
-    float price, price_paid;  /* sbl_picture_desc.price; sbl_stats.picture.price */
-    int look_rays;            /* sbl_picture_desc.look_rays */
-    int counts_steps;         /* 1: sbl__sensor.work contains the steps of rays */
-    int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
 /* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
@@ -18677,7 +18705,7 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
 
 /* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with the fewest looks of the parent's
    sensors, because with fewer looks they would be noisier than interpolation. */
-static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
+static sbl_result sbl__tiles_add(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -18700,7 +18728,7 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
         const int column = i & 1, row = i >> 1;
         const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
-        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__refine_add_tile(r, &part, index);
+        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__tiles_add(r, &part, index);
     }
     return result;
 }
@@ -18866,7 +18894,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 /* >>tiles: sites */
 
 /* Adds the first-level tiles, which cover the whole picture, row by row. */
-static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
+static sbl_result sbl__tiles_first_level(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *y = &r->stages.at, x;
     for (; *y == 0 || *y < r->height - 1; *y += r->tile_size) {
@@ -18874,14 +18902,14 @@ static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
         for (x = 0; x == 0 || x < r->width - 1; x += r->tile_size) {
             const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
                                       { *y, SBL__MIN(*y + r->tile_size, r->height - 1) } };
-            if (sbl__refine_add_tile(r, &area, -1) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+            if (sbl__tiles_add(r, &area, -1) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
     }
     return SBL_SUCCESS;
 }
 
 /* Makes the site of a pixel for looks from index `first` on. */
-static void sbl__refine_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
+static void sbl__tiles_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     memcpy(out->position, p->position, sizeof out->position);
     memcpy(out->normal, p->normal, sizeof out->normal);
@@ -18901,10 +18929,10 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
 
 /* Returns the initial number of looks of a sensor. For a texel with places, it is at least one per place. looks: the
    number for a pixel without places */
-static int sbl__refine_first_looks(const sbl__sensor *s, int looks) { return SBL__MAX(looks, (int)s->place_count); }
+static int sbl__tiles_first_looks(const sbl__sensor *s, int looks) { return SBL__MAX(looks, (int)s->place_count); }
 
 /* Makes room for `more` additional sites and their readings. Returns 0 if memory is exhausted. */
-static int sbl__refine_room(sbl__refine *r, int more) {
+static int sbl__tiles_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
     sbl__base *base = &r->core->base;
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
@@ -18913,7 +18941,7 @@ static int sbl__refine_room(sbl__refine *r, int more) {
 }
 
 /* Frees the sites and their readings. */
-static void sbl__refine_free_sites(sbl__refine *r) {
+static void sbl__tiles_free_sites(sbl__refine *r) {
     sbl__free(&r->core->base, r->sites);
     sbl__free(&r->core->base, r->readings);
     sbl__free(&r->core->base, r->reading_layers);
@@ -18925,9 +18953,9 @@ static void sbl__refine_free_sites(sbl__refine *r) {
 
 /* Makes the site for looks from look i on. It is at the pixel's position or, for a texel with places, at the next of
    its places in turn. looks: number of looks; must be 1 for a texel with places */
-static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int looks, sbl__site *out) {
+static void sbl__tiles_look_site(const sbl__refine *r, int index, int i, int looks, sbl__site *out) {
     const sbl__sensor *s = sbl__sensor_of(r, &r->pixels[index]);
-    sbl__refine_site(r, index, i, looks, out);
+    sbl__tiles_site(r, index, i, looks, out);
     if (!s->places) return;
     *out = r->places[s->places - 1 + i % s->place_count];
     out->guide = sbl__guide_for(r, index);
@@ -18936,19 +18964,19 @@ static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int lo
 
 /* Lists sites for the looks that a pixel's sensor has yet to take: one site for all of them or, for a texel with
    places, one site per look. */
-static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
+static sbl_result sbl__tiles_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     const sbl__sensor *s = sbl__sensor_of(r, p);
     const int index = (int)(p - r->pixels), looks = s->wanted - s->looks, at_once = s->places ? 1 : looks;
     int i;
-    if (!sbl__refine_room(r, s->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__tiles_room(r, s->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = s->looks; i < s->wanted; i += at_once)
-        sbl__refine_look_site(r, index, i, at_once, &r->sites[r->site_count++]);
+        sbl__tiles_look_site(r, index, i, at_once, &r->sites[r->site_count++]);
     r->look_count += looks;
     return SBL_SUCCESS;
 }
 
 /* Lists sites for the corners of the next tiles, if they need a sensor or more looks, until the sites fill a job. */
-static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
+static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
     for (; r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
@@ -18965,9 +18993,9 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
             if (!s->sensed) {
                 s->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
                 s->look = r->look_count;
-                s->wanted = sbl__refine_first_looks(s, c->looks);
+                s->wanted = sbl__tiles_first_looks(s, c->looks);
             }
-            if (sbl__refine_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+            if (sbl__tiles_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
     }
     return SBL_SUCCESS;
@@ -18981,7 +19009,7 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
    (sbl__places_mean). */
 
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
-   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden
+   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__places_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
    SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
    sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. A sensor is behind a
@@ -19007,7 +19035,7 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
 /* Returns 1 if a sensor seems to be inside a solid: it is dark and sees mostly back faces, unlike most lit sensors.
    Without bounced light, many visible texels are dark, too; therefore the sensor must then see nothing but back
    faces. */
-static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *reading) {
+static int sbl__places_is_inside(const sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     const int dark = !(light > 0) || light * r->lit < SBL__HIDDEN_DARK * r->lit_light;
     const int enclosed = reading->hit_share > SBL__HIDDEN_ALL && reading->back_share > SBL__HIDDEN_ALL;
@@ -19016,7 +19044,7 @@ static int sbl__refine_is_inside(const sbl__refine *r, const sbl_reading *readin
 
 /* Returns 1 if a sensor is close behind a surface, unlike most lit sensors, see SBL__HIDDEN_BACK. Such a texel is often
    far brighter than the visible texels beside it, because it sees the sky outside a room. */
-static int sbl__refine_is_behind(const sbl__refine *r, const sbl_reading *reading) {
+static int sbl__places_is_behind(const sbl__refine *r, const sbl_reading *reading) {
     return reading->back_share > SBL__HIDDEN_BACK && reading->hit_share > SBL__HIDDEN_COVER &&
            reading->hit_min < r->distance_limit && r->lit_backs <= 0.5 * r->lit;
 }
@@ -19025,7 +19053,7 @@ static int sbl__refine_is_behind(const sbl__refine *r, const sbl_reading *readin
    its width, it is close behind a surface, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice:
    it is dark and sees back faces, unlike most lit sensors. A touched texel is close to the edge of a surface that hides
    texels, so that light changes within the texel. */
-static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
+static int sbl__places_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
     if (light > 0 && light * r->lit >= SBL__HIDDEN_DARK * r->lit_light) {
@@ -19033,36 +19061,36 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
         r->lit_light += light;
         r->lit_backs += (double)reading->back_share;
     }
-    if (sbl__refine_is_inside(r, reading) || sbl__refine_is_behind(r, reading)) return SBL__HIDDEN;
+    if (sbl__places_is_inside(r, reading) || sbl__places_is_behind(r, reading)) return SBL__HIDDEN;
     if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
 /* Removes the uncertainty of a hidden texel from the sum, because the texel will show its neighbours' light. */
-static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
+static void sbl__places_hide(sbl__refine *r, const sbl__pixel *p) {
     const float uncertainty = sbl__stored_uncertainty(r, p);
     if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
 /* Makes a texel hidden because its places are inside a solid or behind a surface, too. */
-static void sbl__refine_give_up(sbl__refine *r, const sbl__pixel *p) {
+static void sbl__places_give_up(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     s->invalid = 1;
     s->occlusion = SBL__HIDDEN;
     r->core->stats.sensors.invalid++;
-    sbl__refine_hide(r, p);
+    sbl__places_hide(r, p);
 }
 
 /* Makes a pixel invalid, unless it has places (>>places). In traced lightmaps, the texel is then searched for
    places. */
-static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
+static sbl_result sbl__places_refuse(sbl__refine *r, const sbl__pixel *p) {
     sbl__sensor *s = sbl__sensor_of(r, p);
     if (s->invalid || s->places) return SBL_SUCCESS;
     s->invalid = 1;
     r->core->stats.sensors.invalid++;
     if (!r->atlas || !r->spec->traced) {
-        sbl__refine_hide(r, p);
+        sbl__places_hide(r, p);
         return SBL_SUCCESS;
     }
     if (!sbl__grow(&r->core->base, &r->searched, &r->searched_room, r->searched_count + 1, sizeof *r->searched))
@@ -19071,21 +19099,21 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel if its light may be shown. Refuses (see sbl__refine_refuse) pixels with
+/* Decides from the first reading of a pixel if its light may be shown. Refuses (see sbl__places_refuse) pixels with
    invalid readings, hidden texels, and touched texels beside hidden texels of the same surface, even if they were
    accepted before: their light would show beyond the edge of the object that hides the other texels. */
-static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
+static sbl_result sbl__places_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     const sbl__pixel *p = &r->pixels[index];
     sbl__sensor *s = sbl__sensor_of(r, p);
     sbl_result result = SBL_SUCCESS;
     int i;
-    s->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
-    if (!reading->valid || s->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
+    s->occlusion = (unsigned char)sbl__places_occlusion(r, reading);
+    if (!reading->valid || s->occlusion == SBL__HIDDEN) result = sbl__places_refuse(r, p);
     for (i = 0; i < 9 && s->occlusion && result == SBL_SUCCESS; i++) {
         const sbl__pixel *other = sbl__pixel_inside(r, index % r->width + i % 3 - 1, index / r->width + i / 3 - 1);
         const int found = other && other->id == p->id ? sbl__sensor_of(r, other)->occlusion : 0;
-        if (s->occlusion == SBL__TOUCHED && found == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
-        if (s->occlusion == SBL__HIDDEN && found == SBL__TOUCHED) result = sbl__refine_refuse(r, other);
+        if (s->occlusion == SBL__TOUCHED && found == SBL__HIDDEN) result = sbl__places_refuse(r, p);
+        if (s->occlusion == SBL__HIDDEN && found == SBL__TOUCHED) result = sbl__places_refuse(r, other);
     }
     return result;
 }
@@ -19107,7 +19135,7 @@ static int sbl__places_of(sbl__refine *r, int index) {
         sbl__surface_site(r->atlas->geometry, triangle, weights, &at);
         if (sbl__atlas_is_marked(r->atlas, triangle))
             sbl__surface_facet(r->atlas->geometry, triangle, r->facet_limit, &at);
-        sbl__refine_site(r, index, count++, 1, site);
+        sbl__tiles_site(r, index, count++, 1, site);
         memcpy(site->position, at.position, sizeof at.position);
         memcpy(site->normal, at.normal, sizeof at.normal);
         memcpy(site->geometric_normal, at.geometric_normal, sizeof at.geometric_normal);
@@ -19121,8 +19149,8 @@ static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     for (; r->listed < r->searched_count && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__refine_room(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
-        if (!sbl__places_of(r, r->searched[r->listed])) sbl__refine_hide(r, &r->pixels[r->searched[r->listed]]);
+        if (!sbl__tiles_room(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
+        if (!sbl__places_of(r, r->searched[r->listed])) sbl__places_hide(r, &r->pixels[r->searched[r->listed]]);
     }
     return SBL_SUCCESS;
 }
@@ -19145,7 +19173,7 @@ static sbl_result sbl__places_take(void *work, int at) {
         all += sbl__place_is_open(r, &r->readings[first]);
     count = SBL__MIN(all, SBL__PLACES);
     if (all < SBL__PLACES_OPEN) {
-        sbl__refine_hide(r, &r->pixels[pixel]);
+        sbl__places_hide(r, &r->pixels[pixel]);
         return SBL_SUCCESS;
     }
     if (!sbl__grow(&r->core->base, &r->places, &r->place_room, r->place_count + count, sizeof *r->places))
@@ -19196,7 +19224,7 @@ static int sbl__places_mean(sbl__refine *r, int at) {
     for (i = first; i <= at; i++) {
         const sbl_reading *own = &r->readings[i];
         const int rank = sbl__places_rank(r, first, at, i);
-        behind += sbl__refine_is_behind(r, own);
+        behind += sbl__places_is_behind(r, own);
         if (rank < aside || rank >= count - aside) continue;
         for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
         squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
@@ -19282,16 +19310,16 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     const sbl__pixel *p;
     int i;
     if (!g->found && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    if (!sbl__refine_room(r, SBL__MIN(g->columns * g->rows * g->scouts, SBL__SCOUTS_AT_ONCE) - r->site_count))
+    if (!sbl__tiles_room(r, SBL__MIN(g->columns * g->rows * g->scouts, SBL__SCOUTS_AT_ONCE) - r->site_count))
         return SBL_ERROR_OUT_OF_MEMORY;
     for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         p = sbl__guide_pixel(r, column, row);
         if (!p || !sbl__scouts_serve(r, (int)(p - r->pixels))) continue;
-        if (!sbl__refine_room(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
+        if (!sbl__tiles_room(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
         for (i = 0; i < g->scouts; i++)
-            sbl__refine_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
+            sbl__tiles_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
     }
     return SBL_SUCCESS;
 }
@@ -19439,7 +19467,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     int *at = &r->stages.at;
     sbl_result result;
     if (!g->words) {
-        sbl__refine_free_sites(r);  /* the scouts' sites are many, and later jobs list new ones */
+        sbl__tiles_free_sites(r);  /* the scouts' sites are many, and later jobs list new ones */
         g->words = (uint32_t *)sbl__alloc(&r->core->base, (size_t)rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS,
                                           sizeof *g->words);
         if (!g->words) return SBL_ERROR_OUT_OF_MEMORY;
@@ -19612,7 +19640,7 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
 
 /* Predicts the errors of a tile, and the gain of a split and of more looks: the reduction of the sum of squared errors
    per look. Adds the gains to the histogram from which sbl__weigh_end finds the lowest worth to buy. */
-static sbl_result sbl__refine_weigh(void *work, int at) {
+static sbl_result sbl__weigh_tile(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__tile *c = &r->tiles[at];
     const float weight2 = c->weight2 / r->shown2;
@@ -19705,7 +19733,7 @@ static void sbl__weigh_end(sbl__refine *r) {
 }
 
 /* Computes the sums of new tiles and `must_split`, row by row, see sbl__tile_count. */
-static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
+static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *at = &r->stages.at;
     for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
@@ -19729,12 +19757,12 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-static int sbl__refine_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
-static int sbl__refine_weighed(void *work) { return ((sbl__refine *)work)->first_new; }
+static int sbl__weigh_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
+static int sbl__weigh_weighed_tiles(void *work) { return ((sbl__refine *)work)->first_new; }
 
 /* Splits a tile if that is worth at least r->least_worth. Otherwise doubles the looks of its sensors as often as each
    doubling is worth it. */
-static sbl_result sbl__refine_spend(void *work, int at) {
+static sbl_result sbl__weigh_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
     float worth = c->look_worth;
@@ -19792,8 +19820,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     for (i = 0; i < 3 && no_mean && !s->places; i++) r->sum[i] += s->radiance[i];
     r->pixels_summed += no_mean && !s->places;
     if (s->sensed || s->places) {
-        if (!s->sensed && (!reading->valid || sbl__refine_is_inside(r, reading)))
-            sbl__refine_give_up(r, &r->pixels[r->sites[at].pixel]);
+        if (!s->sensed && (!reading->valid || sbl__places_is_inside(r, reading)))
+            sbl__places_give_up(r, &r->pixels[r->sites[at].pixel]);
         s->sensed = 1;
         return SBL_SUCCESS;
     }
@@ -19801,7 +19829,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     if (!r->lobes) stats->picture.levels[s->level - 1].sensors++;
     if (!r->lobes) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
     stats->sensors.sites++;
-    return sbl__refine_validate(r, r->sites[at].pixel, reading);
+    return sbl__places_validate(r, r->sites[at].pixel, reading);
 }
 
 /* Makes r->spec again after a change of r->measurement. Keeps the settings of the front end. */
@@ -19824,7 +19852,7 @@ static void sbl__refine_restart(sbl__refine *r) {
             if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
             s->looks = 0;
             s->work = 0;
-            s->wanted = sbl__refine_first_looks(s, 1);
+            s->wanted = sbl__tiles_first_looks(s, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
     r->expected_looks = r->expected_sure = 0;
@@ -20061,7 +20089,7 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
    of views take long to compute. sbl__fill_step can still be called; an inspection sends the guides to the GPU
    again. */
 static sbl_result sbl__refine_end(sbl__refine *r) {
-    sbl__refine_free_sites(r);
+    sbl__tiles_free_sites(r);
     sbl__free(&r->core->base, r->searched);
     sbl__texture_delete(&r->core->device, &r->guides.texture);
     r->searched = NULL;
@@ -20131,8 +20159,8 @@ static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const flo
     return SBL_SUCCESS;
 }
 
-/* Enables the test for occlusion (sbl__refine_occlusion) and, for refused texels, the search for places (see
-   sbl__refine_refuse). facet_limit: in texels */
+/* Enables the test for occlusion (sbl__places_occlusion) and, for refused texels, the search for places (see
+   sbl__places_refuse). facet_limit: in texels */
 static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a, float facet_limit) {
     r->atlas = a;
     r->facet_limit = facet_limit * sbl__facet_unit(a);
@@ -24572,7 +24600,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.spec.groups = 0;  /* inspections do not report light groups */
     task.site_count = 1;
     task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
-    sbl__refine_look_site(r, k->pixel, 0, 1, &k->site);
+    sbl__tiles_look_site(r, k->pixel, 0, 1, &k->site);
     sbl__look_make(&task.spec, &k->site, 0, &k->look);
     sbl__job_begin(j, &c->scene, &task);
     do {

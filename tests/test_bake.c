@@ -312,8 +312,8 @@ TEST(normals_of_a_ply_are_in_world_space) {
              "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[-1,1,1]},{\"mesh\":0,\"scale\":[2,1,1]}],\"meshes\":["
              "{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"NORMAL\":1}}]}],\"accessors\":[{\"bufferView\":0,"
              "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"},{\"bufferView\":0,\"byteOffset\":36,"
-             "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":72}],"
-             "\"buffers\":[{\"uri\":\"normals.bin\",\"byteLength\":72}]}");
+             "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":["
+             "{\"buffer\":0,\"byteLength\":72}],\"buffers\":[{\"uri\":\"normals.bin\",\"byteLength\":72}]}");
     write_text("normals.gltf", json);
     REQUIRE(TOOL("normals.gltf", "--mode", "direct", "--sky", "1,1,1", "--vertices", "--preset", "draft", "-o",
                  "normals.ply", "--quiet") == 0, "exit status %d: %s", ran.status, ran.err);

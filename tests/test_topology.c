@@ -481,12 +481,12 @@ TEST(points_that_see_back_faces_are_suspect) {
     b.sites = sites;
     hits[2 * SBL__BOUNCE_RAYS - 1].side = hits[2 * SBL__BOUNCE_RAYS].side = 7;
     hits[2 * SBL__BOUNCE_RAYS].distance = 2 * SBL__FAR;
-    for (i = 0; i < 3; i++) sbl__bounce_site(&b, i);
+    for (i = 0; i < 3; i++) sbl__solution_site(&b, i);
     REQUIRE(b.site_count == 3, "%d sites", b.site_count);
     for (i = 0; i < 3; i++) CHECK(sites[i].suspect == (i == 1), "point %d: suspect is %d", i, sites[i].suspect);
     b.glows = 1;
     b.site_count = 0;
-    sbl__bounce_site(&b, 1);
+    sbl__solution_site(&b, 1);
     CHECK(!sites[0].suspect, "a point is tested twice");
 }
 
@@ -524,17 +524,17 @@ TEST(stuck_points_do_not_count) {
         points[2].light[k] = 2;
         direct[k] = 1.5f;
     }
-    sbl__bounce_reads(&b, 0);
+    sbl__solution_reads(&b, 0);
     CHECK(states[0].read_end == 3 * SBL__BOUNCE_RAYS / 4, "%d reads", states[0].read_end);
-    sbl__bounce_gather(&b, 0);
+    sbl__solution_gather(&b, 0);
     for (k = 0; k < 3; k++)
         CHECK(fabs((double)leaves[0].light[k] - 3) < 1e-3, "channel %d: %g, expected 3", k, (double)leaves[0].light[k]);
-    sbl__bounce_noise(&b, 0);
+    sbl__uncertainty_noise(&b, 0);
     for (k = 0; k < 3; k++)
         CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d: a noise of %g, expected 1", k, (double)direct[k]);
     points[2].valid = 0;
     states[0].valid = 1;
-    sbl__bounce_noise(&b, 0);
+    sbl__uncertainty_noise(&b, 0);
     for (k = 0; k < 3; k++)
         CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d, one point: a noise of %g, expected 1", k,
               (double)direct[k]);
@@ -560,9 +560,9 @@ TEST(settled_hits_are_skipped) {
         hits[i].leaf = (uint32_t)(i < 3 ? i : 0);
         hits[i].current = 1;  /* otherwise the prefetch of later hits would need the cells of a scene */
     }
-    CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
+    CHECK(sbl__cells_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
           "%d hits are queued", b.queue.count);
-    CHECK(sbl__bounce_place(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
+    CHECK(sbl__cells_place(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
     CHECK(sbl__hit_is_settled(&b, &hits[0], 0), "the hit in a full leaf is not settled");
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS - 1), "a hit before a cut is settled");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit after a cut is not settled");
@@ -572,7 +572,7 @@ TEST(settled_hits_are_skipped) {
     hits[0].distance = 0;
     hits[0].current = 0;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
-    sbl__bounce_forget_cuts(&b);
+    sbl__cells_forget_cuts(&b);
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
@@ -607,8 +607,8 @@ TEST(further_points_do_not_count_more) {
         const double rays = 4 * SBL__BOUNCE_RAYS;
         memset(spreads, 0, sizeof spreads);
         for (i = 0; i < states[0].points; i++) {
-            sbl__bounce_spread(&b, i);
-            sbl__bounce_sum_found(&b, i);
+            sbl__division_spread(&b, i);
+            sbl__bright_sum_found(&b, i);
         }
         CHECK(fabs(spreads[1].hits - rays) < 1e-6 && fabs(spreads[1].weight - rays / 4) < 1e-3,
               "%d points: %g hits, weight %g", states[0].points, spreads[1].hits, spreads[1].weight);

@@ -90,7 +90,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
         p->sensor = !(x % (SIDE - 1) || y % (SIDE - 1));
     }
     r.tiles = &c;
-    sbl__refine_weigh(&r, 0);
+    sbl__weigh_tile(&r, 0);
     weight.noise2 = c.noise2;
     weight.bias2 = c.bias2;
     weight.light = c.light;
