@@ -1299,8 +1299,9 @@ TEST(rotations_do_not_scale) {
 #endif
     at += sprintf(at, "{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":"
                   "{\"POSITION\":0}}]}],\"scenes\":[{\"nodes\":[0,1,2,3,4]}],\"scene\":0,\"accessors\":["
-                  "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,"
-                  "\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
+                  "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
+                  "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],"
+                  "\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
                   "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],\"nodes\":[");
     for (i = 0; i < COUNT; i++)
         at += sprintf(at, "%s{\"name\":\"n%d\",\"mesh\":0,\"rotation\":[%s]}", i ? "," : "", i, nodes[i].rotation);
