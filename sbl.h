@@ -9766,6 +9766,17 @@ static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
            y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
 }
 
+/* Returns `out`: x, y, width and height, in the working grid, of the pixels that a window shows, and of those up to
+   `reach` pixels around them. Returns NULL if w is NULL. */
+static const int *sbl__window_scissor(const sbl__window *w, int reach, int out[4]) {
+    int k;
+    for (k = 0; k < 2 && w; k++) {
+        out[k] = w->inset[k] - reach;
+        out[2 + k] = w->shown[k] + 2 * reach;
+    }
+    return w ? out : NULL;
+}
+
 /* Returns 1 if the window shows pixel (x, y) of the working grid. */
 static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
 
@@ -10421,6 +10432,7 @@ typedef struct sbl__surface_request {
     float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
     int bounced;               /* 1: also write the stored R (bounced light), see gbuffer_fragment.glsl */
     int has_lobes;             /* 1: the G-buffer has the textures SBL__GBUFFER_LOBES; 0: all surfaces are matte */
+    const sbl__window *window;  /* only the pixels that this window shows get surface points; NULL: all pixels */
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_request;
 
@@ -11190,9 +11202,11 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     /* Without lobes, the program traces no rays, and thus needs no code for holes in the surfaces that rays meet. */
     const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
+    const int area[4] = { 0, s->stages.at, target->width, rows };
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
+    int scissor[4];
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, target, s->stages.at, rows);
+    sbl__pass(d, target, area, sbl__window_scissor(request->window, 0, scissor), 0);
     sbl__scene_bind(d, request->scene);
     if (bounced) sbl__store_bind(d, &request->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
@@ -20443,6 +20457,8 @@ typedef struct sbl__filter {
     const sbl__texture *layer;     /* the filter smooths this layer (harmonics or a light group); NULL: `radiance` */
     float layer_noise;             /* see sbl__spec_layer_noise */
     int is_group;                  /* 1: the layer is a light group */
+    const sbl__window *window;     /* only the pixels that this window shows, and those from which their anti-aliasing
+                                      samples take light, are smoothed; NULL: all pixels of the working grid */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -20465,8 +20481,10 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
                                    const sbl__target *out, const int rows[2]) {
     const double sigma = sbl__filter_sigma(f->radius);
     const sbl_result result = sbl__use(d, &sbl__recipe_filter, f->layer ? (unsigned)SBL__DIRECTIONAL : 0);
+    const int area[4] = { 0, rows[0], out->width, rows[1] };
+    int scissor[4];
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, out, rows[0], rows[1]);
+    sbl__pass(d, out, area, sbl__window_scissor(f->window, SBL__WINDOW_REACH, scissor), 0);
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
     sbl__set_float(d, "layer_noise", f->layer_noise);
@@ -20665,12 +20683,11 @@ typedef struct sbl__resolve {
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const int shown = r->tone != SBL_TONE_NONE;
     const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
-    const sbl__window *w = r->window;
     const int area[4] = { 0, rows[0], out->width, rows[1] };
-    const int inside[4] = { w->inset[0], w->inset[1], w->shown[0], w->shown[1] };
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, features);
+    int scissor[4];
     if (result != SBL_SUCCESS) return result;
-    sbl__pass(d, out, area, inside, 0);
+    sbl__pass(d, out, area, sbl__window_scissor(r->window, 0, scissor), 0);
     sbl__bind(d, "radiance", r->radiance);
     if (r->reflected) {
         sbl__bind(d, "reflected", r->reflected);
@@ -21549,6 +21566,7 @@ static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int 
     request.epsilon = m->work.measurement.options.epsilon;
     request.bounced = m->spec.bounced && (sample < 0 || m->has_lobes);  /* panes mirror bounced light in all samples */
     request.has_lobes = m->has_lobes;
+    request.window = sample < 0 ? NULL : &m->window;
     request.atlas = m->atlas;
     return sbl__surface_step(&c->device, &m->surface, &request, slice);
 }
@@ -21695,6 +21713,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.layer = m->layer && m->develops == &m->refine ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     filter.is_group = m->spec.groups > 0;
+    filter.window = m->has_lobes ? NULL : &m->window;  /* >>reflections reads R of all pixels */
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);

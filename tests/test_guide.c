@@ -652,7 +652,7 @@ TEST(scouts_serve_near_windows) {
     }
 }
 
-/* Anti-aliasing composes only the pixels that a window shows, not those of its margin. */
+/* Anti-aliasing composes only the pixels that a window shows, and the filter smooths R only up to two pixels beyond. */
 TEST(windows_compose_what_they_show) {
     enum { ACROSS = 96, DOWN = 72 };
     static const int window[4] = { 32, 32, 16, 16 };
@@ -661,7 +661,7 @@ TEST(windows_compose_what_they_show) {
     sbl_picture_desc view = view_of();
     sbl__window real;
     sbl__map *m;
-    int i, k, shown = 0, lit[2] = { 0, 0 };
+    int i, k, shown = 0, lit[2] = { 0, 0 }, smooth[2] = { 0, 0 };
     REQUIRE(context, "no context");
     view.samples = 2;
     view.options.mode = SBL_MODE_AMBIENT;
@@ -684,6 +684,11 @@ TEST(windows_compose_what_they_show) {
     }
     CHECK(shown == 256 && lit[1] > 200 && lit[0] < 20, "%d of %d pixels have light, and %d of the margin", lit[1],
           shown, lit[0]);
+    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_RADIANCE, all, 3 * (size_t)(m->size[0] * m->size[1])) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
+    for (i = 0; i < m->size[0] * m->size[1]; i++)
+        smooth[sbl__window_covers(&real, 2, i % m->size[0], i / m->size[0])] += all[3 * i] > 0 && all[3 * i] < 100;
+    CHECK(smooth[1] > 350 && smooth[0] < 20, "%d pixels are smooth, and %d farther away", smooth[1], smooth[0]);
     sbl_destroy(context);
 }
 
