@@ -484,7 +484,10 @@
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
    sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
-   treated in the same way. In other modes, it must see nothing but back faces.
+   treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
+   treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
+   faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
+   texels see back faces, all this does not apply.
 
    Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
    side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
