@@ -10759,9 +10759,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// with SBL_NO_SENSORS, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R over 5 x 5 points in about one cell, ignoring points where R is 0. Surfaces\n",
-"// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides\n",
-"// the borders of their cells. points: 25, or 0 if the result is not needed; it is then 0\n",
+"// Returns the mean of the stored R at 5 x 5 points that are spread over about the area of a cell. Points where R\n",
+"// is 0 do not count. Surfaces without sensors, and surfaces that a pane mirrors, show this mean, because no\n",
+"// interpolation between sensors hides the borders of their cells. points: 25; or 0 if the result is not needed and\n",
+"// shall be 0\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -13938,8 +13939,8 @@ static const char *const sbl__glsl_trace[] = {
 "// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
-"uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the\n",
-"                                      // rays of the other invocations: 1: pairs; 0: single rays\n",
+"uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.\n",
+"                                      // The invocations of a look take these groups in turn\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
@@ -24524,7 +24525,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        /* The entries for lamps follow those for rays in `data`, but are taken first. */
+        /* In `data`, the results of rays come before those of lamps; a sensor's entries begin with the lamps. */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);

@@ -20,9 +20,10 @@ layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y i
 // with SBL_NO_SENSORS, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Returns the mean of the stored R over 5 x 5 points in about one cell, ignoring points where R is 0. Surfaces
-// without sensors, and surfaces that panes mirror, show this mean, because no interpolation between sensors hides
-// the borders of their cells. points: 25, or 0 if the result is not needed; it is then 0
+// Returns the mean of the stored R at 5 x 5 points that are spread over about the area of a cell. Points where R
+// is 0 do not count. Surfaces without sensors, and surfaces that a pane mirrors, show this mean, because no
+// interpolation between sensors hides the borders of their cells. points: 25; or 0 if the result is not needed and
+// shall be 0
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;

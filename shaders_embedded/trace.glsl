@@ -6,8 +6,8 @@
 // out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
-uniform int paired;                   // log2 of the number of rays that an invocation traces before it skips the
-                                      // rays of the other invocations: 1: pairs; 0: single rays
+uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.
+                                      // The invocations of a look take these groups in turn
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky

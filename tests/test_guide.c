@@ -45,8 +45,8 @@ static double interval_begin(const uint32_t *words, int i, int count) {
     return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
 }
 
-/* Does the same as sbl_guide in guide.glsl: maps a uniform point u in the unit square to a point distributed by the
-   guide, and returns the weight of its ray. words: first word of the guide */
+/* Replaces u, a uniform random point in the unit square, by a point with the guide's distribution, as sbl_guide in
+   guide.glsl does. Returns the weight of the ray that this point stands for. words: points to the guide's first word */
 static double guide_warp(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_BANDS, SBL__GUIDE_SECTORS };
     double weight = 1;

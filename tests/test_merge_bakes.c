@@ -128,7 +128,8 @@ TEST(parts_of_vertices) {
           "parts begin at %d, %d (%d), %d", fact_of("v2/v.2.ply", "comment sbl.first "),
           fact_of("v3/v.2.ply", "comment sbl.first "), fact_of("v3/v.2.ply", "comment sbl.count "),
           fact_of("v4/v.4.ply", "comment sbl.first "));
-    /* the last of three meshes has most triangles, and the first two parts must leave a mesh for it */
+    /* The last of three meshes has the most triangles. The first two parts must leave it to part 3, because each part
+       gets at least one mesh. */
     write_text("late.obj", "mtllib room.mtl\nv -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2\nusemtl floor\nf 1 2 3\n"
                "usemtl wall\nf 1 3 4\nv -1 2 -1\nv 1 2 -1\nv 1 2 0\nv -1 2 0\nv 1 2 1\nv -1 2 1\nusemtl lamp\n"
                "f 5 6 7 8\nf 8 7 9 10\n");
