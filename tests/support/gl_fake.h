@@ -39,6 +39,7 @@ static struct {
     GLuint names[FAKE_KINDS][FAKE_NAMES];
     int live[FAKE_KINDS], made;
     int strangers;                 /* number of deletions of names that were already deleted or never created */
+    void (*reached)(fake_fault);   /* if not NULL, called wherever a fault is possible */
 } fake;
 
 static inline void fake_arm(fake_fault fault, int at, GLenum error) {
@@ -59,6 +60,7 @@ static inline int fake_live(void) {
 }
 
 static inline int fake__strikes(fake_fault fault) {
+    if (fake.reached) fake.reached(fault);
     if (++fake.counts[fault] != fake.at || fake.fault != fault) return 0;
     fake.hits++;
     return 1;

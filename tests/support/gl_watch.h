@@ -21,6 +21,7 @@ typedef struct watch {
     size_t bytes;
     /* number of frees of blocks that were already freed, never allocated, or overrun */
     int strangers;
+    void (*reached)(void);        /* if not NULL, called at each allocation */
 } watch;
 
 #define WATCH_MAGIC 0x5b10c0deu
@@ -31,6 +32,7 @@ static inline void *watch_alloc(size_t bytes, void *user) {
     watch *w = (watch *)user;
     watch__block *block;
     uint32_t magic = WATCH_MAGIC;
+    if (w->reached) w->reached();
     if (++w->allocations == w->refuse_at) { w->refused++; return NULL; }
     block = bytes < SIZE_MAX - 64 ? (watch__block *)malloc(sizeof *block + bytes + sizeof magic) : NULL;
     if (!block) return NULL;

@@ -58,11 +58,13 @@ static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
 
 /* Returns 1 if the run measures bounced light, because the mode is gi, the default. Returns 0 for host_lightmap,
-   sbl_merge and scene_to_gltf, which do not have the option. */
+   sbl_merge and scene_to_gltf, which do not have the option, and for --channel albedo. */
 static int bounces(const char *const *arguments) {
     if (strstr(tool, "host_lightmap") || strstr(tool, "sbl_merge") || strstr(tool, "scene_to_gltf")) return 0;
-    for (; arguments[0] && arguments[1]; arguments++)
+    for (; arguments[0] && arguments[1]; arguments++) {
+        if (strcmp(arguments[0], "--channel") == 0 && strcmp(arguments[1], "albedo") == 0) return 0;
         if (strcmp(arguments[0], "--mode") == 0) return strcmp(arguments[1], "gi") == 0;
+    }
     return 1;
 }
 
