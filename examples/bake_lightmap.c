@@ -1,6 +1,6 @@
 /* Demonstrates the shortest useful bake. It bakes the Cornell box into one lightmap, bake_lightmap.png, in which each
    quad is a chart. A renderer draws albedo * light + emission with this map. The first argument is the folder for the
-   picture. */
+   picture. With a second argument, the light is a draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -26,7 +26,9 @@ int main(int argc, char **argv) {
     static unsigned char pixels[RESOLUTION * RESOLUTION * 3];
     cornell_box box;
     const sbl_scene_desc *scene = cornell_box_make(&box);
-    const sbl_lightmap_desc map = { .width = RESOLUTION, .height = RESOLUTION };  /* other fields: default */
+    const sbl_preset preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT;
+    const sbl_lightmap_desc map = {  /* other fields: default */
+        .width = RESOLUTION, .height = RESOLUTION, .options.preset = preset };
     sbl_context *context;
     sbl_stats stats;
     char path[1024];

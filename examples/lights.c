@@ -1,7 +1,7 @@
 /* Demonstrates every kind of light in one picture each, and the penumbra of a large lamp at each preset. Below the
    pictures of the penumbra, the rays of four sensors are drawn; those that are blocked on their way to the lamp are
-   red. The first argument is the folder for the pictures. With a second argument, the pictures are half as
-   wide and high, and those of the kinds are drafts with few cells for bounced light. */
+   red. The first argument is the folder for the pictures. With a second argument, the pictures are a quarter as wide
+   and high, bounced light has few cells, and the pictures of the kinds are drafts. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -146,7 +146,7 @@ static int show_kind(sbl_context *context, const struct kind *k, sbl_preset pres
     scene.lights = &k->light;
     scene.light_count = k->light.intensity[0] > 0;
     scene.environment.radiance = k->sky;
-    if (preset == SBL_PRESET_DRAFT) scene.max_bounce_cells = FEW_CELLS;
+    if (shrink > 1) scene.max_bounce_cells = FEW_CELLS;
     scene.environment.picture.width = 1024;
     scene.environment.picture.height = 512;
     if (!k->sky) scene.environment.picture.width = scene.environment.picture.height = 0;
@@ -195,6 +195,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     ADD(&w, box, -0.8f, 0, -0.2f, 0.1f, 0.9f, 0.1f, BLUE);
     ADD(&w, quad, 0, 3, -0.2f, 1.2f, 1, 1.2f, LAMP);
     scene.mesh_count = w.count;
+    if (shrink > 1) scene.max_bounce_cells = FEW_CELLS;
     sbl_look_at(view.world_to_view, 0.4f, 1.9f, 4.4f, 0.1f, 0.4f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
     if (sbl_set_scene(context, &scene) != SBL_SUCCESS || !render(context, &view, names[preset])) return 0;
@@ -209,7 +210,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
-    if (argc > 2) shrink = 2;
+    if (argc > 2) shrink = 4;
     if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints error messages to stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], preset, folder);

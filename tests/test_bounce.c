@@ -292,7 +292,7 @@ TEST(walls_keep_light_out) {
                 test_scene s = { 0 };
                 int inside;
                 double lit, dark;
-                if (i != 1 && (kind == 1 || (j > 0 && kind != 3))) continue;
+                if (i != 1 && (j > 0 || kind == 1 || kind % 3 == i)) continue;
                 if (j == 2 && kind != 3 && kind != 9) continue;  /* skips cases that take two seconds each */
                 if (i != 1 && !test_kind_is("plain")) continue;
                 leak_scene(&s, kind);
@@ -328,7 +328,7 @@ TEST(two_sides_of_a_wall) {
     int i, j, k;
     for (i = 0; i < 9; i++) {
         double alone[2] = { 0, 0 }, both[2] = { 0, 0 };
-        if (i % 3 == 2 && i != 5) continue;
+        if (i % 3 == 2 ? i != 5 : i % 3 != (i / 3) % 2) continue;  /* each scale with one small number of cells */
         for (k = 0; k < 3; k++) {
             const float bright = k == 1 ? 0 : 10, dim = k == 0 ? 0 : 0.01f;
             test_scene s = { 0 };
@@ -446,6 +446,7 @@ TEST(furnaces) {
         for (i = 0; i < 4; i++)
             for (raster = 0; raster < (kind == 0 && i == 1 ? 2 : 1); raster++) {
                 test_scene s = { 0 };
+                if (kind && i == (kind == 1 ? 0 : 2)) continue;  /* each albedo with at least two kinds */
                 const int m = furnace_material(&s, albedos[i]);
                 double worst, mean;
                 if (kind == 0) scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);

@@ -85,7 +85,7 @@ static void window_of(known *k, int bars) {
 }
 
 static void hole(known *k) { window_of(k, 0); }
-static void bars(known *k) { window_of(k, 6); }
+static void bars(known *k) { window_of(k, 6); k->levels = LEVELS - 1; }
 
 /* Two walls and a floor under the sky. */
 static void corner(known *k) {

@@ -90,15 +90,15 @@ lights_run() { run lights lights draft; }
 lights_differ() {
     last=
     for kind in $lights_kinds; do
-        look varied "lights/$kind.png" 160 120 || return
+        look varied "lights/$kind.png" 80 60 || return
         [ -z "$last" ] || ! look alike "lights/$last.png" "lights/$kind.png" || return
         last=$kind
     done
 }
 # the penumbrae change little with the preset; the discs below them show the rays of the preset
 lights_penumbra() {
-    look varied lights/penumbra_default.png 160 160 &&
-        look alike lights/penumbra_default.png lights/penumbra_high.png 120
+    look varied lights/penumbra_default.png 80 80 &&
+        look alike lights/penumbra_default.png lights/penumbra_high.png 60
 }
 plain_check lights_run
 plain_check lights_differ
@@ -143,7 +143,7 @@ bake_lightmap_is_short() {
     [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]
 }
 bake_lightmap_map() {
-    run bake_lightmap bake_lightmap &&
+    run bake_lightmap bake_lightmap draft &&
         grep -Eq '^bake_lightmap: 50176 texels, .* off by [0-9.]+ %' "$folder/bake_lightmap/said" &&
     look varied bake_lightmap/bake_lightmap.png 256 256 && look charts bake_lightmap/bake_lightmap.png
 }

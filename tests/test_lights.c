@@ -565,10 +565,10 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
 
 /* An opaque edge moves across a lamp in steps. With one look per sensor and no filter, the RMS error is at most 1.2 %
    of the unoccluded light, and the error of a pixel changes by at most 4 % from one step to the next. */
-TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
+TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 100, 0.012, 0.04); }
 /* With default settings, the RMS error is at most 0.16 %, and a step changes the error by at most 1.45 %. */
 TEST(half_covered_default_settings) {
-    half_covered(SBL_BACKEND_AUTO, 0, test_kind_is("plain") ? 20 : 10, 0.0016, 0.0145);
+    half_covered(SBL_BACKEND_AUTO, 0, 10, 0.0016, 0.0145);
 }
 
 /* At an edge across a lamp, rays have smaller errors if the lamp has more strata; a thousand triangles share their
