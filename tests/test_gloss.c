@@ -2615,7 +2615,7 @@ int main(void) {
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
-    RUN(rays_to_mirrored_lamps_are_inspected);
+    RUN_UNSANITIZED(rays_to_mirrored_lamps_are_inspected);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);
@@ -2623,12 +2623,12 @@ int main(void) {
     RUN(matte_scenes_stay_the_same);
     RUN_UNSANITIZED(rooms_reflect_their_mean);
     RUN_UNSANITIZED(metal_out_of_view);
-    RUN(materials_change);
+    RUN_UNSANITIZED(materials_change);
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
-    RUN(windows_share_prices_of_lobes);
-    RUN(prices_are_shares_of_final);
+    RUN_UNSANITIZED(windows_share_prices_of_lobes);
+    RUN_UNSANITIZED(prices_are_shares_of_final);
     RUN_UNSANITIZED(lamps_show_in_lobes_beside_them);
     RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
