@@ -42,7 +42,7 @@ static double most_held(sbl_context *context) {
 TEST(memory_of_pictures_is_predicted) {
     static const struct { int side, window, tile; sbl_mode mode; sbl_preset preset; double least; } cases[] = {
         { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.6 },
-        { 1024, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DEFAULT, 0.7 },
+        { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DEFAULT, 0.7 },
         { 300, 0, 1, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 }, { 64, 0, 0, SBL_MODE_GI, SBL_PRESET_DRAFT, 0.5 },
         { 200, 0, 0, SBL_MODE_PAPER, SBL_PRESET_DRAFT, 0.4 },
         { 4000, 500, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 } };
@@ -69,7 +69,7 @@ TEST(memory_of_pictures_is_predicted) {
    addition to the memory that the context held before. */
 TEST(pictures_need_250_bytes_per_pixel) {
     static const sbl_mode modes[2] = { SBL_MODE_DIRECT, SBL_MODE_GI };
-    const int side = 1024;
+    const int side = 768;
     int i;
     for (i = 0; i < 2; i++) {
         sbl_context *context = make_context(0, 1024);
