@@ -147,6 +147,17 @@ is_shared() {
     ! unwrap "$folder/shared.gltf" "$folder/no.glb" 64 && says 'uses the second texture coordinates' &&
     [ ! -e "$folder/no.glb" ]
 }
+# an accessor to which an unknown extension refers keeps its content
+foreign_accessors() {
+    edited rich foreign 'json.extensions.EXT_unknown.accessor = json.meshes[1].primitives[0].indices;' &&
+    unwrap "$folder/foreign.gltf" "$folder/foreign.glb" 64 &&
+    holds foreign "$folder/foreign.gltf" "$folder/foreign.glb"
+}
+# coordinates that fill a small part of the map are laid out again
+fills_the_map() {
+    edited usable corner 'json.nodes[0].extras = { lightmapScaleOffset: [0.3, 0.3, 0, 0] };' &&
+    unwrap "$folder/corner.gltf" "$folder/new.gltf" 64 && holds apart "$folder/new.gltf" 64 2 50
+}
 check all_else_is_the_same holds same "$rich" "$out"
 check rotations_do_not_scale long_rotations
 check encodings_change_nothing other_encodings
@@ -156,10 +167,13 @@ check one_map_replaces_several one_map_instead
 check used_coordinates_are_not_replaced is_shared
 check all_else_is_the_same_in_gltf same_gltf
 check strips_fans_and_sparse_ones odd_ones
+check foreign_accessors_stay foreign_accessors
+check nearly_empty_maps_are_filled fills_the_map
 check usable_coordinates_are_kept is_kept "$folder/usable.gltf"
 check usable_coordinates_are_placed is_placed
 check overlapping_ones_are_replaced is_replaced overlaps overlap
 check ones_outside_are_replaced is_replaced beyond 'not inside'
+check coarse_ones_are_replaced is_replaced coarse 'too few texels'
 check a_result_is_kept again
 # a first set that was made for a mesh without one is made again, too
 again_without_first() {
