@@ -446,6 +446,86 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
+/* With a threshold, a tile is split if the light of a sensor on its edge differs from the interpolated light, but not if
+   none of its corners shows the surface of this sensor. */
+TEST(sensors_of_other_surfaces_split_no_tile) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i;
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    r.pixels = pixels;
+    r.sensors = &block;
+    r.width = r.height = SIDE;
+    r.threshold = 1;
+    for (i = 0; i < SBL__DOUBLINGS; i++) r.variance_shares[i] = 1;
+    tile.area.x[1] = tile.area.y[1] = SIDE - 1;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i % SIDE % 4 == 0 && i / SIDE % 4 == 0;
+        sensors[i].looks = 1;
+    }
+    CHECK(!sbl__tile_differs(&r, &tile), "equal corners differ");
+    sensors[2].sensed = 1;
+    sensors[2].radiance[1] = 9;
+    CHECK(sbl__tile_differs(&r, &tile), "a sensor on the edge does not differ");
+    pixels[2].id = 2;
+    CHECK(!sbl__tile_differs(&r, &tile), "a sensor of another surface differs");
+}
+
+/* Each division of a cell halves the share of the leaves on both of its sides; a cut along an object does not. A leaf
+   without points has the share 1. */
+TEST(divisions_halve_shares) {
+    static const float places[4][2] = { { 0.2f, 0.2f }, { 0.7f, 0.2f }, { 0.7f, 0.6f }, { 0.7f, 0.9f } };
+    static const float distances[3] = { 0.5f, 0.5f, 0.8f }, expected[4] = { 0.5f, 0.25f, 0.25f, 0.25f };
+    static sbl__bounce b;
+    static sbl__cell_bucket cells[128];
+    uint32_t patches[1] = { 0 };
+    sbl__bounce_leaf states[4];
+    sbl__bounce_point points[4];
+    sbl__cut cuts[3];
+    sbl__store store;
+    int i;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    memset(cuts, 0, sizeof cuts);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_room = 128;
+    store.cuts = cuts;
+    store.length = 1;
+    b.store = &store;
+    b.states = states;
+    b.points = points;
+    for (i = 0; i < 3; i++) {  /* x = 0.5, then y = 0.5, and y = 0.8, where an object stands */
+        cuts[i].normal[i ? 1 : 0] = 1;
+        cuts[i].distance = distances[i];
+        cuts[i].divides = i < 2;
+        cuts[i].sides[0] = (uint32_t)i + 1;
+        cuts[i].sides[1] = i < 2 ? SBL__CELL_CUT | (uint32_t)(i + 1) : 4;
+    }
+    for (i = 0; i < 4; i++) {
+        points[i].at.distance = 9;
+        memcpy(points[i].at.position, places[i], sizeof places[i]);
+        states[i].first = i;
+        states[i].points = 1;
+    }
+    *sbl__store_bucket(&store, 0, points[0].at.position) = SBL__CELL_CUT;
+    for (i = 0; i < 4; i++)
+        CHECK(*sbl__hit_find(&b, &points[i].at, NULL) == (uint32_t)i + 1 &&
+                  fabs((double)sbl__solution_share(&b, i) - (double)expected[i]) < 1e-6, "leaf %d has the share %g", i,
+              (double)sbl__solution_share(&b, i));
+    states[1].points = 0;
+    CHECK(fabs((double)sbl__solution_share(&b, 1) - 1) < 1e-6, "a leaf without points has the share %g",
+          (double)sbl__solution_share(&b, 1));
+}
+
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
 static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
     int k;
@@ -876,6 +956,8 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(sensors_of_other_surfaces_split_no_tile);
+    RUN(divisions_halve_shares);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);
