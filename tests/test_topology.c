@@ -9,6 +9,8 @@ static sbl__base base;
 static void *take(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void give(void *pointer, void *user) { (void)user; free(pointer); }
 
+static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
+
 static sbl__slice slice_of(double seconds) {
     sbl_context_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -526,6 +528,21 @@ TEST(divisions_halve_shares) {
           (double)sbl__solution_share(&b, 1));
 }
 
+/* Stored light does not fit a scene in which the host draws in other bounds. */
+TEST(bounds_of_draws_are_hashed) {
+    static sbl__scene scene;
+    uint64_t parts[3][SBL__SAVED_PARTS];
+    int i;
+    for (i = 0; i < 3; i++) {
+        scene.draw = i ? draws_nothing : NULL;
+        scene.draw_bounds[1][2] = (float)i;
+        sbl__saved_scene(&scene, parts[i]);
+    }
+    for (i = 0; i < SBL__SAVED_PARTS; i++)
+        CHECK((parts[0][i] == parts[1][i]) == (i != SBL__SAVED_MESHES) &&
+                  (parts[1][i] == parts[2][i]) == (i != SBL__SAVED_MESHES), "part %d of the hash", i);
+}
+
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
 static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
     int k;
@@ -958,6 +975,7 @@ int main(void) {
     RUN(light_is_linear_beside_silhouettes);
     RUN(sensors_of_other_surfaces_split_no_tile);
     RUN(divisions_halve_shares);
+    RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);
