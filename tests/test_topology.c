@@ -448,6 +448,79 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
+/* The first tiles cover the picture. Their corners lie on a grid, and on the last column and row. */
+TEST(first_tiles_end_with_the_picture) {
+    static const int sizes[4][4] = { { 9, 6, 2, 2 }, { 10, 5, 3, 1 }, { 1, 9, 1, 2 }, { 4, 4, 1, 1 } };
+    static sbl__core core;
+    sbl__slice slice = slice_of(0);
+    int i;
+    core.base.allocator = base.allocator;
+    for (i = 0; i < 4; i++) {
+        const int columns = sizes[i][2], rows = sizes[i][3];
+        sbl__refine r;
+        const sbl__range *last;
+        memset(&r, 0, sizeof r);
+        r.core = &core;
+        r.width = sizes[i][0];
+        r.height = sizes[i][1];
+        r.tile_size = 4;
+        CHECK(sbl__tiles_first_level(&r, &slice) == SBL_SUCCESS && r.tile_count == columns * rows, "%d x %d: %d tiles",
+              r.width, r.height, r.tile_count);
+        last = &r.tiles[r.tile_count - 1].area;
+        CHECK(last->x[0] == 4 * (columns - 1) && last->x[1] == r.width - 1 && last->y[0] == 4 * (rows - 1) &&
+                  last->y[1] == r.height - 1, "%d x %d: the last tile is %d to %d, %d to %d", r.width, r.height,
+              last->x[0], last->x[1], last->y[0], last->y[1]);
+        sbl__free(&core.base, r.tiles);
+    }
+}
+
+/* Of the four guides around a pixel, the nearest on both axes is taken. */
+TEST(the_nearest_guide_is_taken) {
+    enum { SIDE = 9 };
+    static const int expected[4][3] = { { 2, 3, 1 }, { 5, 2, 2 }, { 2, 5, 3 }, { 6, 5, 4 } };  /* x, y, guide */
+    static sbl__pixel pixels[SIDE * SIDE];
+    sbl__spec spec;
+    sbl__refine r;
+    int i;
+    memset(&spec, 0, sizeof spec);
+    memset(&r, 0, sizeof r);
+    spec.guided = 1;
+    r.spec = &spec;
+    r.pixels = pixels;
+    r.width = r.height = SIDE;
+    r.guides.step = SIDE - 1;
+    r.guides.columns = r.guides.rows = 2;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].normal[2] = 1;
+        pixels[i].position[0] = (float)(i % SIDE);
+        pixels[i].position[1] = (float)(i / SIDE);
+    }
+    for (i = 0; i < 4; i++)
+        CHECK(sbl__guide_for(&r, expected[i][1] * SIDE + expected[i][0]) == expected[i][2], "pixel %d %d has guide %d",
+              expected[i][0], expected[i][1], sbl__guide_for(&r, expected[i][1] * SIDE + expected[i][0]));
+}
+
+/* The edge of a spot is soft, even if its inner cone equals its cone. */
+TEST(edges_of_spots_are_soft) {
+    static const float centre[3] = { 0, 0, 0 };
+    const double outer = 1 - cos(0.5), inner = 1 - cos(0.25);
+    sbl__light_record record;
+    double position[3];
+    sbl_light light;
+    memset(&light, 0, sizeof light);
+    light.kind = SBL_LIGHT_SPOT;
+    light.direction[1] = -1;
+    light.cone = (float)(180 / TEST_PI);
+    light.inner_cone = light.cone / 2;
+    sbl__light_write(&light, centre, &record, position);
+    CHECK(fabs((double)record.spot_scale * (outer - inner) - 1) < 1e-5, "the scale is %g", (double)record.spot_scale);
+    light.inner_cone = light.cone;
+    sbl__light_write(&light, centre, &record, position);
+    CHECK(fabs((double)record.spot_scale * 0.001 * outer - 1) < 1e-5 &&
+              fabs((double)record.spot_offset - 1000) < 0.01, "the scale is %g", (double)record.spot_scale);
+}
+
 /* With a threshold, a tile is split if the light of a sensor on its edge differs from the interpolated light, but not if
    none of its corners shows the surface of this sensor. */
 TEST(sensors_of_other_surfaces_split_no_tile) {
@@ -669,7 +742,8 @@ TEST(settled_hits_are_skipped) {
     hits[0].distance = 0;
     hits[0].current = 0;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
-    sbl__cells_forget_cuts(&b);
+    store.max_leaves = 100;
+    CHECK(sbl__cells_after_place(&b) == SBL__BOUNCE_CAST_POINTS, "no points are cast");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
@@ -974,6 +1048,9 @@ int main(void) {
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
     RUN(sensors_of_other_surfaces_split_no_tile);
+    RUN(first_tiles_end_with_the_picture);
+    RUN(the_nearest_guide_is_taken);
+    RUN(edges_of_spots_are_soft);
     RUN(divisions_halve_shares);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
