@@ -1082,7 +1082,8 @@ TEST(a_sensor_can_be_inspected) {
           "a pixel outside of the picture: exit status %d: %s", ran.status, ran.err);
 }
 
-/* In sbl.h a zero means the default; on the command line a zero means zero, and so does a number that is 0 as a float. */
+/* In sbl.h a zero means the default; on the command line a zero means zero. A number that is 0 as a float counts as
+   zero. */
 TEST(zero_options_mean_zero) {
     picture direct, dark, glow, raw, smooth;
     char text[8192];

@@ -152,8 +152,8 @@ TEST(other_channels_stay_as_they_are) {
     scene_free(&s);
 }
 
-/* A pixel that a very bright lamp partly covers shows the covered share, for every tone. The exposure makes the light of
-   the lamp infinite. */
+/* A pixel that a very bright lamp partly covers shows the covered share, for every tone. The exposure makes the light
+   infinite. */
 TEST(edges_of_lamps_are_smooth) {
     int tone;
     for (tone = SBL_TONE_CLIP; tone < SBL_TONE_COUNT; tone++) {

@@ -456,7 +456,7 @@ TEST(first_tiles_end_with_the_picture) {
     int i;
     core.base.allocator = base.allocator;
     for (i = 0; i < 4; i++) {
-        const int columns = sizes[i][2], rows = sizes[i][3];
+        const int wide = sizes[i][2], high = sizes[i][3];
         sbl__refine r;
         const sbl__range *last;
         memset(&r, 0, sizeof r);
@@ -464,17 +464,17 @@ TEST(first_tiles_end_with_the_picture) {
         r.width = sizes[i][0];
         r.height = sizes[i][1];
         r.tile_size = 4;
-        CHECK(sbl__tiles_first_level(&r, &slice) == SBL_SUCCESS && r.tile_count == columns * rows, "%d x %d: %d tiles",
+        CHECK(sbl__tiles_first_level(&r, &slice) == SBL_SUCCESS && r.tile_count == wide * high, "%d x %d: %d tiles",
               r.width, r.height, r.tile_count);
         last = &r.tiles[r.tile_count - 1].area;
-        CHECK(last->x[0] == 4 * (columns - 1) && last->x[1] == r.width - 1 && last->y[0] == 4 * (rows - 1) &&
+        CHECK(last->x[0] == 4 * (wide - 1) && last->x[1] == r.width - 1 && last->y[0] == 4 * (high - 1) &&
                   last->y[1] == r.height - 1, "%d x %d: the last tile is %d to %d, %d to %d", r.width, r.height,
               last->x[0], last->x[1], last->y[0], last->y[1]);
         sbl__free(&core.base, r.tiles);
     }
 }
 
-/* Of the four guides around a pixel, the nearest on both axes is taken. */
+/* A pixel takes the nearest of the four guides around it, as measured on both axes. */
 TEST(the_nearest_guide_is_taken) {
     enum { SIDE = 9 };
     static const int expected[4][3] = { { 2, 3, 1 }, { 5, 2, 2 }, { 2, 5, 3 }, { 6, 5, 4 } };  /* x, y, guide */
@@ -521,8 +521,8 @@ TEST(edges_of_spots_are_soft) {
               fabs((double)record.spot_offset - 1000) < 0.01, "the scale is %g", (double)record.spot_scale);
 }
 
-/* With a threshold, a tile is split if the light of a sensor on its edge differs from the interpolated light, but not if
-   none of its corners shows the surface of this sensor. */
+/* With a threshold, a tile is split if the light of a sensor on its edge differs from the interpolated light. A sensor
+   of a surface that no corner shows does not count. */
 TEST(sensors_of_other_surfaces_split_no_tile) {
     enum { SIDE = 5 };
     static sbl__pixel pixels[SIDE * SIDE];

@@ -18,8 +18,8 @@ size_of() { sed -n 's/.* \([0-9]*\) x [0-9]* texels.*/\1/p' "$said"; }
 usage() {
     scripts/sbl_unwrap --help | grep -q '^usage: sbl_unwrap' &&
     scripts/sbl_unwrap --version | grep -q '^sbl_unwrap 0' &&
-    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --gap 65' 'a b.glb --no' \
-        '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' 'a b.glb --map 1' \
+    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --gap 65' \
+        'a b.glb --no' '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' 'a b.glb --map 1' \
         '--light d a b.glb --map -1' '--light d a b.glb 64'; do
         scripts/sbl_unwrap $words > "$said" 2>&1
         [ $? = 2 ] && [ "$(wc -l < "$said")" = 1 ] || { echo "$words"; cat "$said"; return 1; }
