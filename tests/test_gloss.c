@@ -376,8 +376,8 @@ static void tilted(const tilting *t, const float normal[3], const double texel[3
 }
 
 /* A floor with one tilted normal has the right NORMAL, and the right R below a directional light and a sky. Light that
-   would come from below the floor, where a lamp shines, is missing. Vertex normals change none of this, unless they lean,
-   as in the last case. */
+   would come from below the floor, where a lamp shines, is missing. Vertex normals change none of this, unless they
+   lean, as in the last case. */
 TEST(normals_are_tilted) {
     static const double texel[3] = { 0.48, 0.6, 0.64 };
     double worst = 0, worst_light = 0;

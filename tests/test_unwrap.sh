@@ -19,8 +19,8 @@ usage() {
     scripts/sbl_unwrap --help | grep -q '^usage: sbl_unwrap' &&
     scripts/sbl_unwrap --version | grep -q '^sbl_unwrap 0' &&
     for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --gap 65' \
-        'a b.glb --no' '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' 'a b.glb --map 1' \
-        '--light d a b.glb --map -1' '--light d a b.glb 64'; do
+        'a b.glb --no' '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' \
+        'a b.glb --map 1' '--light d a b.glb --map -1' '--light d a b.glb 64'; do
         scripts/sbl_unwrap $words > "$said" 2>&1
         [ $? = 2 ] && [ "$(wc -l < "$said")" = 1 ] || { echo "$words"; cat "$said"; return 1; }
     done
@@ -252,7 +252,9 @@ adds_all_maps() {
     # their textures do not keep another sampler
     edited all bare 'for (const t of json.textures) delete t.sampler;' &&
     unwrap --light "$folder/mixed_1,1,1" "$folder/bare.gltf" "$folder/bare.glb" &&
-    [ "$(grep -ao '"sampler":0' "$folder/bare.glb" | wc -l)" = 2 ] && [ -s "$folder/anew.lightmap_1.png" ] &&
+    [ "$(grep -ao '"sampler":0' "$folder/bare.glb" | wc -l)" = 2 ] &&
+    grep -aq '{"magFilter":9729,"minFilter":9729,"wrapS":33071,"wrapT":33071}' "$folder/bare.glb" &&
+    [ -s "$folder/anew.lightmap_1.png" ] &&
     unwrap --light "$folder/mixed_1,1,1" "$folder/all.glb" "$folder/anew.gltf" &&
         holds relit "$folder/all.glb" "$folder/anew.gltf" "$folder/mixed_1,1,1"
 }
