@@ -252,7 +252,7 @@ adds_all_maps() {
     # their textures do not keep another sampler
     edited all bare 'for (const t of json.textures) delete t.sampler;' &&
     unwrap --light "$folder/mixed_1,1,1" "$folder/bare.gltf" "$folder/bare.glb" &&
-    [ "$(grep -ao '"sampler":0' "$folder/bare.glb" | wc -l)" = 2 ] &&
+    [ "$(grep -ao '"source":.,"sampler":0' "$folder/bare.glb" | wc -l)" = 2 ] &&
     grep -aq '{"magFilter":9729,"minFilter":9729,"wrapS":33071,"wrapT":33071}' "$folder/bare.glb" &&
     [ -s "$folder/anew.lightmap_1.png" ] &&
     unwrap --light "$folder/mixed_1,1,1" "$folder/all.glb" "$folder/anew.gltf" &&
