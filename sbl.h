@@ -10100,7 +10100,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    shares[0] = (float)fabs(weights[1]);  /* without a sign, see SBL__ATLAS_MARK */
+    shares[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
     shares[1] = (float)weights[2];
     memcpy(texel + 1, shares, sizeof shares);
     texel[3] = t->chart + 1;
@@ -19899,7 +19899,6 @@ static int sbl__refine_after_list(void *work) {
         task.spec.rays = 1;
         task.spec.looks = scouts ? r->guides.scouts : SBL__PLACE_RAYS;
         task.spec.lamp_rays = task.spec.directional = task.spec.groups = 0;
-        task.spec.ray_length = 0;
         task.spec.seed = sbl__scouts_seed(r);
         task.spec.scouts = scouts;
     }

@@ -566,9 +566,10 @@ static sbl_result make_picture(shot *s, int late) {
     return result;
 }
 
-/* Returns the exposure of a .png in stops, as far as the values of the channel do not contain it. */
-static double stops_of(const shot *s) {
-    double stops = is_display(s->channel) ? 0 : (double)sbl_query_stats(s->task->context).picture.exposure;
+/* Returns the exposure of a .png in stops, as far as the values of the channel do not contain it. exposure: of the
+   picture */
+static double stops_of(const shot *s, float exposure) {
+    const double stops = is_display(s->channel) ? 0 : (double)exposure;
     return picture_is_error(s->channel) && isnan(options.exposure) ? stops + PICTURE_ERROR_STOPS : stops;
 }
 
@@ -580,12 +581,12 @@ static int render_whole(shot *s, double *seconds) {
     sbl_stats stats;
     int status;
     *seconds = now() - s->task->start;
-    all.stops = stops_of(s);
+    stats = sbl_query_stats(context);
+    all.stops = stops_of(s, stats.picture.exposure);
     if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
     else if (result == SBL_UNFINISHED) status = stop_early();
     else status = fail_with(s->task->said, common.scene, result);
     if (status != DONE) return status;
-    stats = sbl_query_stats(context);
     if (s->channel == SBL_CHANNEL_FINAL && ends_with(common.output, ".png") && frames.now <= frames.first)
         warn_of_extremes(s->task->said, &s->picture, all.stops, (double)stats.picture.exposure);
     warn_of_missed_target(s->task->said, &stats);
@@ -675,9 +676,8 @@ static int write_window(FILE *out, const void *what) {
 
 /* Joins the finished windows and writes the output. Returns the exit status. */
 static int join_windows(const shot *s) {
-    double stops = is_display(s->channel) ? 0 : (double)s->desc.exposure;
-    if (picture_is_error(s->channel) && isnan(options.exposure)) stops += PICTURE_ERROR_STOPS;
-    return windows_join(&s->windows, given[PART] || given[WINDOW] ? s->windows.work.facts : NULL, s->channel, stops);
+    const picture_fact *facts = given[PART] || given[WINDOW] ? s->windows.work.facts : NULL;
+    return windows_join(&s->windows, facts, s->channel, stops_of(s, s->desc.exposure));
 }
 
 /* Renders the output in windows, which are stored in a folder, and joins them. Returns the exit status. */

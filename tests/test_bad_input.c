@@ -1632,10 +1632,12 @@ TEST(warnings_of_moves) {
     scene_free(&s);
 }
 
-/* The product of a finite emission and a finite texel may overflow a float; such a scene is refused. */
+/* The product of a finite emission and a finite texel may overflow a float; such a scene is refused. Materials that are
+   too bright for sums of light are refused, too. */
 TEST(radiance_that_overflows) {
     static const float bright[3] = { 8, 8, 8 };
     test_scene s = { 0 };
+    sbl_material materials[SCENE_MATERIALS];
     sbl_scene_desc desc;
     const int lamp = scene_lamp(&s, 3e38f, 3e38f, 3e38f);
     s.materials[lamp].emission_texture = scene_texture(&s, bright, sizeof bright, SBL_PIXELS_FLOAT, 1, 1, 3);
@@ -1645,6 +1647,12 @@ TEST(radiance_that_overflows) {
     CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors,
           watch_last(&seen));
     usable("radiance that overflows");
+    memcpy(materials, small.materials, sizeof materials);
+    materials[0].emission[0] = 3e38f;
+    watch_forget(&seen);
+    CHECK(sbl_set_materials(context, materials, small.material_count) == SBL_ERROR_INVALID_ARGUMENT &&
+              seen.errors == 1, "%d errors: %s", seen.errors, watch_last(&seen));
+    usable("materials that overflow");
     scene_free(&s);
 }
 

@@ -1082,7 +1082,8 @@ TEST(a_sensor_can_be_inspected) {
           "a pixel outside of the picture: exit status %d: %s", ran.status, ran.err);
 }
 
-/* In sbl.h a zero means the default; on the command line a zero means zero. */
+/* In sbl.h a zero means the default; on the command line a zero means zero. A number that is 0 as a float counts as
+   zero. */
 TEST(zero_options_mean_zero) {
     picture direct, dark, glow, raw, smooth;
     char text[8192];
@@ -1090,7 +1091,7 @@ TEST(zero_options_mean_zero) {
     int lines;
     room_obj();
     TOOL(ROOM, "--mode", "direct", "-o", "direct.pfm");
-    TOOL(ROOM, "--mode", "ambient", "--epsilon", "0", "-o", "dark.pfm");
+    TOOL(ROOM, "--mode", "ambient", "--epsilon", "1e-60", "-o", "dark.pfm");
     TOOL(ROOM, "--mode", "ambient", "--epsilon", "0.5", "--channel", "radiance", "-o", "glow.pfm");
     TOOL(ROOM, "--mode", "direct", "--filter-radius", "0", "--channel", "radiance", "-o", "raw.pfm");
     TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "smooth.pfm");
@@ -1106,7 +1107,7 @@ TEST(zero_options_mean_zero) {
     raw = read_pfm("raw.pfm"); smooth = read_pfm("smooth.pfm");
     REQUIRE(direct.values && dark.values && glow.values && raw.values && smooth.values, "a picture is not there");
     CHECK(memcmp(direct.values, dark.values, 24 * 16 * 3 * sizeof(float)) == 0,
-          "ambient light with epsilon 0 should be direct light");
+          "ambient light with epsilon 1e-60 should be direct light");
     CHECK(memcmp(smooth.values, glow.values, 24 * 16 * 3 * sizeof(float)) != 0, "epsilon makes no difference");
     CHECK(memcmp(raw.values, smooth.values, 24 * 16 * 3 * sizeof(float)) != 0,
           "filter radius 0 should not be the default");
@@ -2502,7 +2503,7 @@ TEST(misspelled_options_are_recognised) {
         { "--exposre", "--exposure" }, { "--expsoure=2", "--exposure" }, { "--eror", "--error" }, { "-size", "--size" },
         { "--look_at", "--look-at" }, { "--sampels", "--samples" }, { "--target", "--target-error" },
         { "--bounce-sample", "--bounce-samples" }, { "--fog", "--fov" }, { "--width", NULL }, { "--s", NULL },
-        { "--zebra", NULL }, { "--sky-", "--sky" }, { "--=", NULL },
+        { "--zebra", NULL }, { "--ep", NULL }, { "--sky-", "--sky" }, { "--=", NULL },
         { "--max-bounce-cells-and-much-more-than-any-name-can-be", NULL } };
     char text[64];
     size_t i;

@@ -551,6 +551,16 @@ TEST(wrong_command_lines_are_refused) {
     CHECK(!exists("no") && !parts_left(), "a folder or a file was left behind");
 }
 
+/* If the last level cannot be written, no file of the cube map is written. */
+TEST(no_half_cube_maps) {
+    glowing_room(1);
+    mkdir(in_folder("half"), 0777);
+    mkdir(in_folder("half/cubemap_0000_1.exr"), 0777);
+    REFUSED(1, "half/cubemap_0000_1.exr: cannot be written", "glow.obj", FAST, "--cubemaps", "1x1x1",
+            "--cubemap-size", "8", "-o", "half");
+    CHECK(!exists("half/cubemap_0000.ktx2") && !exists("half/cubemap_0000_0.exr"), "there are half cube maps");
+}
+
 int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
@@ -563,6 +573,7 @@ int main(int argc, char **argv) {
     RUN(large_rooms);
     RUN(outdoors);
     RUN(wrong_command_lines_are_refused);
+    RUN(no_half_cube_maps);
     tool_end();
     return test_report();
 }

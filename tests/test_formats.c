@@ -50,6 +50,34 @@ static double worst_share(const picture *a, const picture *b) {
     return worst;
 }
 
+/* Reads a file in the folder of the test. The caller frees the bytes. */
+static unsigned char *bytes_of(const char *name, size_t *size) {
+    FILE *in = fopen(in_folder(name), "rb");
+    unsigned char *bytes = NULL;
+    *size = 0;
+    if (!in) return NULL;
+    fseek(in, 0, SEEK_END);
+    *size = (size_t)ftell(in);
+    bytes = (unsigned char *)calloc(1, *size + 1);
+    fseek(in, 0, SEEK_SET);
+    if (fread(bytes, 1, *size, in) != *size) *size = 0;
+    fclose(in);
+    return bytes;
+}
+
+/* Returns the type of the first channel of an OpenEXR file: 1: 16-bit floats; 2: 32-bit floats; -1: unknown. */
+static int type_of_exr(const char *file) {
+    static const char name[] = "channels\0chlist";  /* a size of 4 bytes and the text "B" follow */
+    size_t size, at = 0;
+    unsigned char *bytes = bytes_of(file, &size);
+    int type;
+    if (!bytes) return -1;
+    while (at + sizeof name + 7 < size && memcmp(bytes + at, name, sizeof name) != 0) at++;
+    type = at + sizeof name + 7 < size ? bytes[at + sizeof name + 6] : -1;
+    free(bytes);
+    return type;
+}
+
 /* host_lightmap draws the same light from each format, within the precision of the format. */
 TEST(all_formats_hold_the_light) {
     static const struct { const char *format, *file; double most; } formats[] = {
@@ -71,6 +99,8 @@ TEST(all_formats_hold_the_light) {
               : ran.err_lines == 0, "%s: %s", formats[i].format, ran.err);
         snprintf(file, sizeof file, "%s/%s", formats[i].format, formats[i].file);
         CHECK(exists(file), "%s is missing", file);
+        if (strncmp(formats[i].format, "exr", 3) == 0)
+            CHECK(type_of_exr(file) == (formats[i].format[3] ? 2 : 1), "%s: type %d", file, type_of_exr(file));
         snprintf(file, sizeof file, "%s/lightmap.pfm", formats[i].format);
         CHECK(!exists(file), "%s was written", file);
         seen = draw_with(formats[i].format);
@@ -323,6 +353,50 @@ TEST(glass_is_transparent_in_lit_scenes) {
           lit__excess(shown, 100, -3));
 }
 
+/* A texel between two charts shows the nearer one, in whatever order they are drawn. */
+TEST(gaps_show_the_nearer_chart) {
+    static float light[3] = { 1, 1, 1 };
+    static const float at[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 };
+    static const float uv[2][6] = { { -9, 0, 0.36f, -9, 0.36f, 9 }, { 9, 0, 0.55f, -9, 0.55f, 9 } };  /* left, right */
+    static const uint32_t corners[3] = { 0, 1, 2 };
+    static const int maps[2] = { 0, 0 };
+    image atlas = { 1, 1, 3, light, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    sbl_material materials[2];
+    sbl_mesh meshes[2];
+    sbl_scene_desc scene;
+    int i, turn;
+    for (turn = 0; turn < 2; turn++) {
+        lit_scene lit;
+        memset(materials, 0, sizeof materials);
+        memset(meshes, 0, sizeof meshes);
+        memset(&scene, 0, sizeof scene);
+        memset(&lit, 0, sizeof lit);
+        for (i = 0; i < 2; i++) {
+            materials[i].albedo[0] = 0.2f + 0.6f * (float)i;
+            meshes[i].material = i;
+            meshes[i].positions.data = at;
+            meshes[i].lightmap_texcoords.data = uv[i ^ turn];
+            meshes[i].vertex_count = meshes[i].index_count = 3;
+            meshes[i].indices.data = corners;
+        }
+        scene.meshes = meshes;
+        scene.materials = materials;
+        scene.mesh_count = scene.material_count = 2;
+        lit.scene = &scene;
+        lit.maps = maps;
+        lit.atlases = &atlas;
+        lit.map_count = 1;
+        lit.size = 8;
+        REQUIRE(lit_make(&lit), "no texture");
+        for (i = 0; i < 8; i++) {
+            const unsigned char *row = lit.texels + 4 * 8 * i;
+            CHECK(row[0] != row[4 * 7] && row[4 * 3] == row[0] && row[4 * 4] == row[4 * 7],
+                  "order %d, row %d: %d %d %d %d", turn, i, row[0], row[4 * 3], row[4 * 4], row[4 * 7]);
+        }
+        lit_free(&lit);
+    }
+}
+
 /* Values that are too large for 16-bit floats are lowered to finite ones, and a message says how to keep them. */
 TEST(too_large_values_are_reported) {
     picture light;
@@ -412,21 +486,6 @@ TEST(joined_maps_have_formats) {
 
 /* ---- scene_lit.glb ---- */
 
-/* Reads a file in the folder of the test. The caller frees the bytes. */
-static unsigned char *bytes_of(const char *name, size_t *size) {
-    FILE *in = fopen(in_folder(name), "rb");
-    unsigned char *bytes = NULL;
-    *size = 0;
-    if (!in) return NULL;
-    fseek(in, 0, SEEK_END);
-    *size = (size_t)ftell(in);
-    bytes = (unsigned char *)calloc(1, *size + 1);
-    fseek(in, 0, SEEK_SET);
-    if (fread(bytes, 1, *size, in) != *size) *size = 0;
-    fclose(in);
-    return bytes;
-}
-
 static double linear_of(double byte) {
     const double c = byte / 255;
     return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
@@ -500,6 +559,7 @@ int main(int argc, char **argv) {
     RUN(written_normals_have_length_1);
     RUN(alpha_of_textures_is_linear);
     RUN(glass_is_transparent_in_lit_scenes);
+    RUN(gaps_show_the_nearer_chart);
     RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);
     RUN(unwritable_files_are_reported_before_the_work);

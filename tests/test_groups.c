@@ -657,6 +657,7 @@ TEST(mistakes_with_groups) {
     memset(&windows, 0, sizeof windows);
     windows.lightmap = map;
     refused(sbl_begin_windows(context, &windows), SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "groups[3] is NULL");
+    refused(sbl_begin_windows(context, &windows), SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "groups[0] is NULL");
     memset(&vertices, 0, sizeof vertices);
     vertices.radiance = vertices.groups = light;
     vertices.float_count = 3 * VERTICES;

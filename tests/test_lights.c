@@ -443,7 +443,7 @@ TEST(small_lights_on_the_horizon) {
 }
 
 /* Where a floor touches the sphere of a light, or is inside of it, the sphere fills the whole hemisphere, and R is its
-   radiance. No ray is blocked by the floor itself. */
+   radiance, even if the light is a spot that points away from the floor. No ray is blocked by the floor itself. */
 TEST(floors_inside_a_light) {
     static const float radii[3] = { 0.5f, 0.5000001f, 2 };
     static const sbl_backend backends[2] = { SBL_BACKEND_TRACE, SBL_BACKEND_RASTER };
@@ -458,8 +458,9 @@ TEST(floors_inside_a_light) {
         sbl_light *light;
         int k;
         add_floor(&s);
-        light = scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1);
+        light = scene_light(&s, i < 4 ? SBL_LIGHT_POINT : SBL_LIGHT_SPOT, 1, 1, 1);
         light->position[1] = 0.5f;
+        light->direction[1] = 1;
         light->radius = (float)radius;
         scene = scene_desc(&s);
         desc.options.backend = backends[i % 2];

@@ -321,8 +321,10 @@ TEST(the_form_of_probes_is_checked) {
         { "\"constants\": [0.28", "\"constants\": [0.29" },
         { "\"probes\": [", "\"probes\": [ " }, { "\"options\": \"", "\"options\": \"\t" },
     };
-    static char longest[16384];
-    size_t i;
+    enum { LONG = 1024 };  /* facts are shorter than this */
+    static char longest[16384], text[65536];
+    size_t i, length;
+    int lines;
     meshes_obj();
     REQUIRE(PARTS("p", ".json", 2, PROBES), "%s", ran.err);
     for (i = 0; i < sizeof edits / sizeof *edits; i++)
@@ -335,6 +337,13 @@ TEST(the_form_of_probes_is_checked) {
     memset(longest, '1', sizeof longest - 1);
     refuse_edited("p.2.json", "\"sky\": ", longest, "edited.json: it is damaged");
     refuse_edited("p.2.json", "\"options\": \"", longest, "edited.json: not a part");
+    read_text(in_folder("p.2.json"), text, sizeof text, &lines);
+    length = strcspn(strstr(text, "\"options\": \"") + 12, "\"");
+    memcpy(longest, "\"options\": \"", 12);
+    longest[12 + LONG - length] = 0;
+    refuse_edited("p.2.json", "\"options\": \"", longest, "edited.json: it is damaged");
+    longest[12 + LONG - length - 1] = 0;
+    refuse_edited("p.2.json", "\"options\": \"", longest, "with other options");
     refuse_edited("p.2.json", "\"count\": 9", "\"count\": 8", "1 of 18 probes are in no part");
 }
 

@@ -565,6 +565,11 @@ TEST(grids_in_order) {
         CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(probes, listed, sizeof probes) == 0,
               "the default of probe_count is not the size of the grid");
     }
+    desc = probes_of(NULL, probes, 1);  /* a box that begins at the origin */
+    for (i = 0; i < 3; i++) { desc.grid[i] = 1; desc.highest[i] = 2; }
+    bake(&desc);
+    for (i = 0; i < 3; i++)
+        CHECK(fabs((double)probes[0].position[i] - 1) < 1e-6, "position[%d] is %g", i, (double)probes[0].position[i]);
     scene_free(&s);
 }
 

@@ -1216,19 +1216,18 @@ static const char *of_integers(const char *buffer, const char *more) {
     return text;
 }
 
-/* Writes the triangle as a .glb. */
-static void write_integers_glb(const char *name) {
+/* Writes a .glb. text: its JSON; bytes, count: its buffer */
+static void write_glb(const char *name, const char *text, const void *bytes, size_t count) {
     FILE *out = fopen(in_folder(name), "wb");
-    const char *text = of_integers("", "");
-    const size_t size = strlen(text), padded = (size + 3) & ~(size_t)3;
+    const size_t padded = (strlen(text) + 3) & ~(size_t)3;
     if (!out) return;
     fwrite("glTF\2\0\0\0", 1, 8, out);
-    gltf__put_word(out, (uint32_t)(12 + 8 + padded + 8 + sizeof integers));
+    gltf__put_word(out, (uint32_t)(12 + 8 + padded + 8 + count));
     gltf__put_word(out, (uint32_t)padded);
     fprintf(out, "JSON%-*s", (int)padded, text);
-    gltf__put_word(out, (uint32_t)sizeof integers);
+    gltf__put_word(out, (uint32_t)count);
     fwrite("BIN\0", 1, 4, out);
-    fwrite(integers, 1, sizeof integers, out);
+    fwrite(bytes, 1, count, out);
     fclose(out);
 }
 
@@ -1244,7 +1243,7 @@ TEST(integers_become_floats) {
     SKIP("integers need cJSON");
 #endif
     REQUIRE(out && fwrite(integers, 1, sizeof integers, out) == sizeof integers && fclose(out) == 0, "no file");
-    write_integers_glb("integers.glb");
+    write_glb("integers.glb", of_integers("", ""), integers, sizeof integers);
     write_text("integers.gltf", of_integers(",\"uri\":\"a%20b%25.bin\"", ""));
     write_text("base64.gltf", of_integers(",\"uri\":\"data:;base64,AAAAAAAAZAAAAAAAAACc/wAAAAAAAH8AAIAAAH8AAAAAAP////8A"
                                           "ADMzAAAA/wkJ/wAJCTMACQk=\"", ""));
@@ -1285,8 +1284,10 @@ TEST(names_of_buffers) {
     }
 }
 
-/* Rotations of nodes get length 1, so that they do not scale. Only those whose length differs much cause a warning. */
+/* Rotations of nodes get length 1, so that they do not scale. Only those whose length differs much cause a warning. The
+   JSON of the .glb becomes longer than the whole file was, but its buffer is still found. */
 TEST(rotations_do_not_scale) {
+    static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 };
     static const struct { const char *rotation; float x[3]; } nodes[] = {
         { "0,0,1,1", { 0, 1, 0 } }, { "0,0,0.70711,0.70711", { 0, 1, 0 } }, { "0,-0.5,0,0", { -1, 0, 0 } },
         { "0,0,0,0", { 1, 0, 0 } }, { "0,0,1e200,1e200", { 0, 1, 0 } } };
@@ -1301,13 +1302,12 @@ TEST(rotations_do_not_scale) {
                   "{\"POSITION\":0}}]}],\"scenes\":[{\"nodes\":[0,1,2,3,4]}],\"scene\":0,\"accessors\":["
                   "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],"
                   "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],"
-                  "\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/octet-stream;base64,"
-                  "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],\"nodes\":[");
+                  "\"buffers\":[{\"byteLength\":36}],\"nodes\":[");
     for (i = 0; i < COUNT; i++)
         at += sprintf(at, "%s{\"name\":\"n%d\",\"mesh\":0,\"rotation\":[%s]}", i ? "," : "", i, nodes[i].rotation);
     strcpy(at, "]}");
-    write_text("turned.gltf", text);
-    file = read_back("turned.gltf", 0);
+    write_glb("turned.glb", text, corners, sizeof corners);
+    file = read_back("turned.glb", 0);
     REQUIRE(file && file->scene.mesh_count == COUNT, "%s", error);
     for (i = 0; i < COUNT; i++) {
         const float *m = file->scene.meshes[i].transform;

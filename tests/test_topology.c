@@ -9,6 +9,8 @@ static sbl__base base;
 static void *take(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void give(void *pointer, void *user) { (void)user; free(pointer); }
 
+static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
+
 static sbl__slice slice_of(double seconds) {
     sbl_context_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -446,6 +448,174 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
+/* The first tiles cover the picture. Their corners lie on a grid, and on the last column and row. */
+TEST(first_tiles_end_with_the_picture) {
+    static const int sizes[4][4] = { { 9, 6, 2, 2 }, { 10, 5, 3, 1 }, { 1, 9, 1, 2 }, { 4, 4, 1, 1 } };
+    static sbl__core core;
+    sbl__slice slice = slice_of(0);
+    int i;
+    core.base.allocator = base.allocator;
+    for (i = 0; i < 4; i++) {
+        const int wide = sizes[i][2], high = sizes[i][3];
+        sbl__refine r;
+        const sbl__range *last;
+        memset(&r, 0, sizeof r);
+        r.core = &core;
+        r.width = sizes[i][0];
+        r.height = sizes[i][1];
+        r.tile_size = 4;
+        CHECK(sbl__tiles_first_level(&r, &slice) == SBL_SUCCESS && r.tile_count == wide * high, "%d x %d: %d tiles",
+              r.width, r.height, r.tile_count);
+        last = &r.tiles[r.tile_count - 1].area;
+        CHECK(last->x[0] == 4 * (wide - 1) && last->x[1] == r.width - 1 && last->y[0] == 4 * (high - 1) &&
+                  last->y[1] == r.height - 1, "%d x %d: the last tile is %d to %d, %d to %d", r.width, r.height,
+              last->x[0], last->x[1], last->y[0], last->y[1]);
+        sbl__free(&core.base, r.tiles);
+    }
+}
+
+/* A pixel takes the nearest of the four guides around it, as measured on both axes. */
+TEST(the_nearest_guide_is_taken) {
+    enum { SIDE = 9 };
+    static const int expected[4][3] = { { 2, 3, 1 }, { 5, 2, 2 }, { 2, 5, 3 }, { 6, 5, 4 } };  /* x, y, guide */
+    static sbl__pixel pixels[SIDE * SIDE];
+    sbl__spec spec;
+    sbl__refine r;
+    int i;
+    memset(&spec, 0, sizeof spec);
+    memset(&r, 0, sizeof r);
+    spec.guided = 1;
+    r.spec = &spec;
+    r.pixels = pixels;
+    r.width = r.height = SIDE;
+    r.guides.step = SIDE - 1;
+    r.guides.columns = r.guides.rows = 2;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].normal[2] = 1;
+        pixels[i].position[0] = (float)(i % SIDE);
+        pixels[i].position[1] = (float)(i / SIDE);
+    }
+    for (i = 0; i < 4; i++)
+        CHECK(sbl__guide_for(&r, expected[i][1] * SIDE + expected[i][0]) == expected[i][2], "pixel %d %d has guide %d",
+              expected[i][0], expected[i][1], sbl__guide_for(&r, expected[i][1] * SIDE + expected[i][0]));
+}
+
+/* The edge of a spot is soft, even if its inner cone equals its cone. */
+TEST(edges_of_spots_are_soft) {
+    static const float centre[3] = { 0, 0, 0 };
+    const double outer = 1 - cos(0.5), inner = 1 - cos(0.25);
+    sbl__light_record record;
+    double position[3];
+    sbl_light light;
+    memset(&light, 0, sizeof light);
+    light.kind = SBL_LIGHT_SPOT;
+    light.direction[1] = -1;
+    light.cone = (float)(180 / TEST_PI);
+    light.inner_cone = light.cone / 2;
+    sbl__light_write(&light, centre, &record, position);
+    CHECK(fabs((double)record.spot_scale * (outer - inner) - 1) < 1e-5, "the scale is %g", (double)record.spot_scale);
+    light.inner_cone = light.cone;
+    sbl__light_write(&light, centre, &record, position);
+    CHECK(fabs((double)record.spot_scale * 0.001 * outer - 1) < 1e-5 &&
+              fabs((double)record.spot_offset - 1000) < 0.01, "the scale is %g", (double)record.spot_scale);
+}
+
+/* With a threshold, a tile is split if the light of a sensor on its edge differs from the interpolated light. A sensor
+   of a surface that no corner shows does not count. */
+TEST(sensors_of_other_surfaces_split_no_tile) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i;
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    r.pixels = pixels;
+    r.sensors = &block;
+    r.width = r.height = SIDE;
+    r.threshold = 1;
+    for (i = 0; i < SBL__DOUBLINGS; i++) r.variance_shares[i] = 1;
+    tile.area.x[1] = tile.area.y[1] = SIDE - 1;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i % SIDE % 4 == 0 && i / SIDE % 4 == 0;
+        sensors[i].looks = 1;
+    }
+    CHECK(!sbl__tile_differs(&r, &tile), "equal corners differ");
+    sensors[2].sensed = 1;
+    sensors[2].radiance[1] = 9;
+    CHECK(sbl__tile_differs(&r, &tile), "a sensor on the edge does not differ");
+    pixels[2].id = 2;
+    CHECK(!sbl__tile_differs(&r, &tile), "a sensor of another surface differs");
+}
+
+/* Each division of a cell halves the share of the leaves on both of its sides; a cut along an object does not. A leaf
+   without points has the share 1. */
+TEST(divisions_halve_shares) {
+    static const float places[4][2] = { { 0.2f, 0.2f }, { 0.7f, 0.2f }, { 0.7f, 0.6f }, { 0.7f, 0.9f } };
+    static const float distances[3] = { 0.5f, 0.5f, 0.8f }, expected[4] = { 0.5f, 0.25f, 0.25f, 0.25f };
+    static sbl__bounce b;
+    static sbl__cell_bucket cells[128];
+    uint32_t patches[1] = { 0 };
+    sbl__bounce_leaf states[4];
+    sbl__bounce_point points[4];
+    sbl__cut cuts[3];
+    sbl__store store;
+    int i;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    memset(cuts, 0, sizeof cuts);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_room = 128;
+    store.cuts = cuts;
+    store.length = 1;
+    b.store = &store;
+    b.states = states;
+    b.points = points;
+    for (i = 0; i < 3; i++) {  /* x = 0.5, then y = 0.5, and y = 0.8, where an object stands */
+        cuts[i].normal[i ? 1 : 0] = 1;
+        cuts[i].distance = distances[i];
+        cuts[i].divides = i < 2;
+        cuts[i].sides[0] = (uint32_t)i + 1;
+        cuts[i].sides[1] = i < 2 ? SBL__CELL_CUT | (uint32_t)(i + 1) : 4;
+    }
+    for (i = 0; i < 4; i++) {
+        points[i].at.distance = 9;
+        memcpy(points[i].at.position, places[i], sizeof places[i]);
+        states[i].first = i;
+        states[i].points = 1;
+    }
+    *sbl__store_bucket(&store, 0, points[0].at.position) = SBL__CELL_CUT;
+    for (i = 0; i < 4; i++)
+        CHECK(*sbl__hit_find(&b, &points[i].at, NULL) == (uint32_t)i + 1 &&
+                  fabs((double)sbl__solution_share(&b, i) - (double)expected[i]) < 1e-6, "leaf %d has the share %g", i,
+              (double)sbl__solution_share(&b, i));
+    states[1].points = 0;
+    CHECK(fabs((double)sbl__solution_share(&b, 1) - 1) < 1e-6, "a leaf without points has the share %g",
+          (double)sbl__solution_share(&b, 1));
+}
+
+/* Stored light does not fit a scene in which the host draws in other bounds. */
+TEST(bounds_of_draws_are_hashed) {
+    static sbl__scene scene;
+    uint64_t parts[3][SBL__SAVED_PARTS];
+    int i;
+    for (i = 0; i < 3; i++) {
+        scene.draw = i ? draws_nothing : NULL;
+        scene.draw_bounds[1][2] = (float)i;
+        sbl__saved_scene(&scene, parts[i]);
+    }
+    for (i = 0; i < SBL__SAVED_PARTS; i++)
+        CHECK((parts[0][i] == parts[1][i]) == (i != SBL__SAVED_MESHES) &&
+                  (parts[1][i] == parts[2][i]) == (i != SBL__SAVED_MESHES), "part %d of the hash", i);
+}
+
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
 static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
     int k;
@@ -572,7 +742,8 @@ TEST(settled_hits_are_skipped) {
     hits[0].distance = 0;
     hits[0].current = 0;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
-    sbl__cells_forget_cuts(&b);
+    store.max_leaves = 100;
+    CHECK(sbl__cells_after_place(&b) == SBL__BOUNCE_CAST_POINTS, "no points are cast");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
@@ -876,6 +1047,12 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(sensors_of_other_surfaces_split_no_tile);
+    RUN(first_tiles_end_with_the_picture);
+    RUN(the_nearest_guide_is_taken);
+    RUN(edges_of_spots_are_soft);
+    RUN(divisions_halve_shares);
+    RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);

@@ -18,9 +18,9 @@ size_of() { sed -n 's/.* \([0-9]*\) x [0-9]* texels.*/\1/p' "$said"; }
 usage() {
     scripts/sbl_unwrap --help | grep -q '^usage: sbl_unwrap' &&
     scripts/sbl_unwrap --version | grep -q '^sbl_unwrap 0' &&
-    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --no' \
-        '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' 'a b.glb --map 1' \
-        '--light d a b.glb --map -1' '--light d a b.glb 64'; do
+    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --gap 65' \
+        'a b.glb --no' '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' \
+        'a b.glb --map 1' '--light d a b.glb --map -1' '--light d a b.glb 64'; do
         scripts/sbl_unwrap $words > "$said" 2>&1
         [ $? = 2 ] && [ "$(wc -l < "$said")" = 1 ] || { echo "$words"; cat "$said"; return 1; }
     done
@@ -147,6 +147,20 @@ is_shared() {
     ! unwrap "$folder/shared.gltf" "$folder/no.glb" 64 && says 'uses the second texture coordinates' &&
     [ ! -e "$folder/no.glb" ]
 }
+# an accessor to which an unknown extension refers keeps its content
+foreign_accessors() {
+    edited rich foreign 'json.extensions.EXT_unknown.accessor = json.meshes[1].primitives[0].indices;' &&
+    unwrap "$folder/foreign.gltf" "$folder/foreign.glb" 64 &&
+    holds foreign "$folder/foreign.gltf" "$folder/foreign.glb"
+}
+# coordinates that fill a small part of the map are laid out again
+fills_the_map() {
+    edited usable corner 'json.nodes[0].extras = { lightmapScaleOffset: [0.3, 0.3, 0, 0] };' &&
+    unwrap "$folder/corner.gltf" "$folder/new.gltf" 64 && holds apart "$folder/new.gltf" 64 2 50
+}
+# a map for a density is the smallest multiple of 16 texels that holds the charts
+is_smallest() { unwrap "$folder/usable.gltf" "$folder/new.glb" --texel-density 14 && says ' 16 x 16 texels'; }
+check maps_of_a_density_are_small is_smallest
 check all_else_is_the_same holds same "$rich" "$out"
 check rotations_do_not_scale long_rotations
 check encodings_change_nothing other_encodings
@@ -156,10 +170,13 @@ check one_map_replaces_several one_map_instead
 check used_coordinates_are_not_replaced is_shared
 check all_else_is_the_same_in_gltf same_gltf
 check strips_fans_and_sparse_ones odd_ones
+check foreign_accessors_stay foreign_accessors
+check nearly_empty_maps_are_filled fills_the_map
 check usable_coordinates_are_kept is_kept "$folder/usable.gltf"
 check usable_coordinates_are_placed is_placed
 check overlapping_ones_are_replaced is_replaced overlaps overlap
 check ones_outside_are_replaced is_replaced beyond 'not inside'
+check coarse_ones_are_replaced is_replaced coarse 'too few texels'
 check a_result_is_kept again
 # a first set that was made for a mesh without one is made again, too
 again_without_first() {
@@ -232,6 +249,11 @@ adds_all_maps() {
         unwrap --light "$folder/mixed_1,1,1" "$folder/all.$ending" "$folder/anew.$ending" &&
             holds relit "$folder/all.$ending" "$folder/anew.$ending" "$folder/mixed_1,1,1" || return 1
     done
+    # their textures do not keep another sampler
+    edited all bare 'for (const t of json.textures) delete t.sampler;' &&
+    unwrap --light "$folder/mixed_1,1,1" "$folder/bare.gltf" "$folder/bare.glb" &&
+    [ "$(grep -ao '"source":.,"sampler":0' "$folder/bare.glb" | wc -l)" = 2 ] &&
+    grep -aq '{"magFilter":9729,"minFilter":9729,"wrapS":33071,"wrapT":33071}' "$folder/bare.glb" &&
     [ -s "$folder/anew.lightmap_1.png" ] &&
     unwrap --light "$folder/mixed_1,1,1" "$folder/all.glb" "$folder/anew.gltf" &&
         holds relit "$folder/all.glb" "$folder/anew.gltf" "$folder/mixed_1,1,1"
@@ -280,6 +302,10 @@ used.gltf no list
 loop.gltf two parents
 END
     check refuses_light_of_another_scene refuses_light "$folder/mixed0" "$out" 'of another scene'
+    # a third of the surfaces is where the map expects it
+    edited mixed moved 'for (const i of [1, 2]) json.nodes[i].extras.lightmapScaleOffset = [0.3, 0.3, 0.13, 0.17];
+        delete json.nodes[3].extras.lightmapIndex; json.nodes[3].mesh = undefined;'
+    check refuses_light_of_moved_charts refuses_light "$folder/mixed0" "$folder/moved.gltf" 'of another'
     check refuses_light_of_a_scene_without_coordinates refuses_light "$folder/baked" "$rich" 'no second texture'
     check refuses_light_of_an_obj refuses_light "$folder/baked" examples/scenes/two_rooms.obj 'no .gltf or .glb'
 fi

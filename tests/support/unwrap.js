@@ -247,6 +247,12 @@ const checks = {
         assert.deepStrictEqual(plain(read(after), has), plain(old, has));
     },
 
+    // foreign BEFORE AFTER: the accessor that extension EXT_unknown names has the same content
+    foreign(before, after) {
+        const [old, scene] = [before, after].map(read), i = old.json.extensions.EXT_unknown.accessor;
+        assert.deepStrictEqual(values(scene, i), values(old, i));
+    },
+
     // lit BEFORE AFTER FOLDER MAPS MESHES MATERIALS: AFTER equals BEFORE plus the maps in FOLDER, such as 0 or 0,1, on
     // all surfaces of these maps and on no others. MESHES and MATERIALS are the numbers of new ones. Other nodes keep
     // their meshes
@@ -699,6 +705,7 @@ if (what === 'make') {
     band(folder, 'round.gltf', round);
     square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
     square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
+    square(folder, 'coarse.gltf', [0, 0, 1, 0, 1, 1, 0.99, 1]);
     square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
     fs.mkdirSync(path.join(folder, 'broken'));
     broken(path.join(folder, 'broken'));
