@@ -86,12 +86,12 @@ static int windows__find_part(windows *w) {
 
 /* Returns the number of bytes that --memory leaves for the result. */
 static double windows__bytes_left(const windows *w) {
-    const double least = 64.0 * (1 << 20);
+    const double allowed = (double)w->task->file->memory, least = fmin(allowed, 64.0 * (1 << 20));
     unsigned long pages = 0;
     FILE *in = fopen("/proc/self/statm", "r");
     if (in && fscanf(in, "%*u %lu", &pages) != 1) pages = 0;
     if (in) fclose(in);
-    return fmax(least, (double)w->task->file->memory - (double)pages * (double)sysconf(_SC_PAGESIZE));
+    return fmax(least, allowed - (double)pages * (double)sysconf(_SC_PAGESIZE));
 }
 
 /* Divides the region into as few windows as the memory allows. Returns the exit status. */

@@ -141,7 +141,7 @@ TEST(windows_of_frames) {
 /* Frames that are rendered in windows can be continued after the tool was killed; finished frames are not rendered
    again. */
 TEST(large_frames_go_on) {
-#define LARGE FIVE, "--size", "640x400", "--memory", "64M", "--frames"
+#define LARGE FIVE, "--size", "320x200", "--memory", "24M", "--frames"
     const char *const arguments[] = { LARGE, "1-2", "-o", "l%d.exr", NULL };
     const char *const all[] = { LARGE, "1-2", "-o", "l%d.exr", "--resume", NULL };
     if (!has_cjson()) SKIP("built without cJSON");

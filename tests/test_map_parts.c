@@ -9,7 +9,7 @@
 
 #define FILES "--formats", "exr,pfm"
 #define MAP "room.gltf", "--lightmap", "96", "--mode", "direct", "--quiet", FILES
-#define LARGE "room.gltf", "--lightmap", "640", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "64M", \
+#define LARGE "room.gltf", "--lightmap", "320", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "24M", \
     FILES
 #define BAKE(...) (tool_use("sbl_bake"), run((const char *const[]){ __VA_ARGS__, NULL }))
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))

@@ -11,7 +11,7 @@ static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f,
 
 #define BAKE "two.gltf", "--preset", "draft", "--lightmap", "32", "--formats", "pfm,ktx2"
 #define DIRECT "two.gltf", "--preset", "draft", "--lightmap", "32", "--formats", "pfm", "--mode", "direct"
-#define LARGE "two.gltf", "--lightmap", "640", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "64M", \
+#define LARGE "two.gltf", "--lightmap", "320", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "24M", \
     "--formats", "pfm"
 #define SUN "\"KHR_lights_punctual\""
 

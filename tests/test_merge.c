@@ -11,7 +11,7 @@
    is made window by window. */
 #define VIEW "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--mode", "direct", "--quiet"
 #define PICTURE VIEW, "--size", "48x32"
-#define LARGE VIEW, "--size", "900x600", "--preset", "draft", "--memory", "64M"
+#define LARGE VIEW, "--size", "450x300", "--preset", "draft", "--memory", "24M"
 
 /* Runs sbl_merge with these arguments. */
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
@@ -379,7 +379,7 @@ TEST(killed_runs_go_on) {
     CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose", "--stats", "stats.json") == 0 && said("window 2 of "), "%s",
           ran.err);
     read_text(in_folder("stats.json"), ran.out, sizeof ran.out, &ran.out_lines);
-    CHECK(strstr(ran.out, "\"size\": [900, 600]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
+    CHECK(strstr(ran.out, "\"size\": [450, 300]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
     CHECK(!exists("once.exr.parts"), "the folder is left");
     for (k = 0; k < 3; k++) {
         killed[k] = kill_after(k, "often.exr");
@@ -409,7 +409,7 @@ TEST(large_surfaces) {
 /* Finished windows that were damaged later are made again. Bounced light is not computed again. */
 TEST(finished_windows_are_checked) {
     static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
-        "900x600", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
+        "450x300", "--preset", "draft", "--memory", "24M", "-o", "light.exr", "--resume", NULL };
     if (!has_openexr()) SKIP("built without OpenEXR");
     REQUIRE(kill_after(2, "a.exr") && finished_windows("a.exr") >= 2, "it was not killed in time");
     damage("a.exr.parts/1.exr", "a.exr.parts/1.exr", 1, -1);
@@ -452,7 +452,7 @@ TEST(a_full_disk_loses_nothing) {
     tool_use("sbl_render");
     finish(start(arguments, -1, 20000));
     CHECK(ran.status == 1 && said("1.exr: cannot be written"), "status %d: %s", ran.status, ran.err);
-    finish(start(again, -1, 2000000));
+    finish(start(again, -1, 800000));
     CHECK(ran.status == 1 && said("full.pfm: cannot be written") && !exists("full.pfm"), "status %d: %s", ran.status,
           ran.err);
     CHECK(run(again) == 0 && exists("full.pfm") && !exists("full.pfm.parts") && !parts_left(), "%s", ran.err);
