@@ -20880,7 +20880,7 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     ends[!swapped] = second;
 }
 
-/* Returns the cosine of the angle between the normals by which a lightmap is lit on two edges, at one vertex of each. */
+/* Returns the cosine of the angle between the normals by which a lightmap is lit at two edges, at a vertex of each. */
 static double sbl__seam_cosine(const sbl__atlas *a, const uint32_t edges[2], const uint32_t vertices[2]) {
     double cosine = 0;
     sbl_site sites[2];
