@@ -495,7 +495,8 @@
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
-   must share the edge from end to end.
+   must share the edge from end to end. The normals of a seam are those by which its sides are lit: facets that are lit
+   by their true normals (see below) and face different ways keep their jumps of light.
 
    Narrow charts: the reveals, bars and frames of windows are often two to four texels wide in a map, and light changes
    much across them. Each of their rows is measured, even if light changes little along them: a sensor at one border of
