@@ -495,7 +495,8 @@
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
-   must share the edge from end to end.
+   must share the edge from end to end. The normals of a seam are those by which its sides are lit: facets that are lit
+   by their true normals (see below) and face different ways keep their jumps of light.
 
    Narrow charts: the reveals, bars and frames of windows are often two to four texels wide in a map, and light changes
    much across them. Each of their rows is measured, even if light changes little along them: a sensor at one border of
@@ -9824,6 +9825,22 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
                                    60.7 degrees, so that pipes of six sides have no sharp edges */
 #define SBL__ATLAS_ROUNDS 3     /* number of triangles over which the marks of sharp edges spread */
 
+/* The stages up to MARK_END find facets, the others draw. */
+#define SBL__ATLAS_STAGES(X) \
+    X(SBL__ATLAS_MEASURE, NULL, sbl__atlas_measure, sbl__atlas_triangles, NULL) \
+    X(SBL__ATLAS_MARK_BEGIN, sbl__atlas_mark_begin, NULL, NULL, NULL) \
+    X(SBL__ATLAS_MARK_WELD, NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices, NULL) \
+    X(SBL__ATLAS_MARK_JOIN, NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles, NULL) \
+    X(SBL__ATLAS_MARK_SHARP, NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles, NULL) \
+    X(SBL__ATLAS_MARK_SPREAD, NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits, NULL) \
+    X(SBL__ATLAS_MARK_END, sbl__atlas_mark_end, NULL, NULL, NULL) \
+    X(SBL__ATLAS_WELD, sbl__atlas_weld_begin, sbl__atlas_weld, sbl__atlas_vertices, NULL) \
+    X(SBL__ATLAS_JOIN, NULL, sbl__atlas_join, sbl__atlas_triangles, NULL) \
+    X(SBL__ATLAS_NUMBER, NULL, sbl__atlas_number, sbl__atlas_vertices, NULL) \
+    X(SBL__ATLAS_DRAW, sbl__atlas_draw, NULL, NULL, NULL) \
+    X(SBL__ATLAS_MARK_TEXELS, NULL, sbl__atlas_mark_row, sbl__atlas_lines, NULL)
+enum { SBL__ATLAS_STAGES(SBL__STAGE_NAME) SBL__ATLAS_DONE };
+
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
@@ -9870,33 +9887,33 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Chooses the meshes to bake, given by checked indices. If count is 0, chooses all lightmapped meshes. */
-static sbl_result sbl__atlas_choose(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const int *meshes,
-                                    int count) {
+/* Sets what an atlas shows. desc: must be checked and have its defaults */
+static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
+                                   const sbl_lightmap_desc *desc) {
+    const sbl_picture_desc picture = sbl__lightmap_picture(desc);
     int i;
     a->base = base;
     a->geometry = g;
+    a->window = sbl__window_of(&picture);
+    a->width = a->window.size[0];
+    a->height = a->window.size[1];
+    a->across = desc->supersample;
+    a->facet_limit = SBL__MAX(picture.facet_limit, 0.0f);
+    a->at_edges = sbl__zero(&desc->facet_limit);
     a->baked = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
     if (!a->baked) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < count; i++) a->baked[meshes[i]] = 1;
-    for (i = 0; i < g->mesh_count && !count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
+    for (i = 0; i < desc->mesh_count; i++) a->baked[desc->meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
     return SBL_SUCCESS;
 }
 
-/* Allocates an atlas for which sbl__atlas_choose was called. */
-static sbl_result sbl__atlas_begin(sbl__atlas *a, const sbl__window *window, int across) {
-    const size_t texels = (size_t)window->size[0] * (size_t)window->size[1];
-    const sbl__geometry *g = a->geometry;
-    sbl__base *base = a->base;
-    a->window = *window;
-    a->across = across;
-    a->width = window->size[0];
-    a->height = window->size[1];
-    a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
-    a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc(base, texels, sizeof *a->away);
-    if (!a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__hash_table_make(base, &a->positions, g->vertex_count);
+/* Allocates what sbl__atlas_step needs. */
+static sbl_result sbl__atlas_make(sbl__atlas *a) {
+    const size_t texels = (size_t)a->width * (size_t)a->height;
+    a->parents = (uint32_t *)sbl__alloc_raw(a->base, (size_t)a->geometry->vertex_count, sizeof *a->parents);
+    a->texels = (uint32_t *)sbl__alloc(a->base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
+    a->away = (float *)sbl__alloc(a->base, texels, sizeof *a->away);
+    return a->parents && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
@@ -9912,6 +9929,13 @@ static const float *sbl__atlas_uv(const sbl__geometry *g, uint32_t vertex) {
 static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     const sbl__geometry *g = (const sbl__geometry *)geometry;
     return sbl__same_position(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
+}
+
+static sbl_result sbl__atlas_weld_begin(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    (void)slice;
+    if (a->positions.buckets) return SBL_SUCCESS;
+    return sbl__hash_table_make(a->base, &a->positions, a->geometry->vertex_count);
 }
 
 /* Joins a vertex of a baked mesh to the mesh's first vertex with the same position and lightmap coordinates. */
@@ -10132,20 +10156,28 @@ static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
     return fabs(t->twice_area) <= SBL__ATLAS_LINE * longest2;
 }
 
+/* Adds a baked triangle to the areas and counts of the atlas. */
+static sbl_result sbl__atlas_measure(void *work, int triangle) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const uint32_t number = (uint32_t)triangle;
+    sbl__atlas_triangle t;
+    double area, normal[3];
+    if (!sbl__atlas_is_baked(a, a->geometry->indices[3 * (size_t)number])) return SBL_SUCCESS;
+    sbl__atlas_load(a, number, &t);
+    area = sbl__scene_normal(a->geometry, number, normal);
+    a->world_area += area;
+    a->area += 0.5 * fabs(t.twice_area);
+    a->triangles++;
+    a->degenerate += area > 0 && sbl__atlas_is_line(&t);
+    return SBL_SUCCESS;
+}
+
 /* Draws the rows of a triangle, from a->row on. Returns SBL_UNFINISHED if the slice ends before the last row. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
     sbl__atlas_load(a, number, &t);
-    if (a->row == 0) {
-        double normal[3];
-        const double area = sbl__scene_normal(a->geometry, number, normal);
-        a->world_area += area;
-        a->area += 0.5 * fabs(t.twice_area);
-        a->triangles++;
-        a->degenerate += area > 0 && sbl__atlas_is_line(&t);
-        sbl__atlas_warn_outside(a, &t);
-    }
+    if (a->row == 0) sbl__atlas_warn_outside(a, &t);
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
         if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
         sbl__atlas_columns(a, &t, a->row, columns);
@@ -10370,23 +10402,17 @@ static sbl_result sbl__atlas_mark_row(void *work, int row) {
     return SBL_SUCCESS;
 }
 
-/* Draws the atlas in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
+static const sbl__stage_row sbl__atlas_stages[] = { SBL__ATLAS_STAGES(SBL__STAGE_ROW) };
+
+/* Measures the areas of the atlas and marks triangles, in slices. Returns SBL_UNFINISHED until this is done. */
+static sbl_result sbl__atlas_find_facets(sbl__atlas *a, sbl__slice *slice) {
+    return sbl__stages_run(&a->stages, sbl__atlas_stages, SBL__ATLAS_WELD, a, slice);
+}
+
+/* Finds facets and draws the atlas, in slices. Returns SBL_UNFINISHED until it is drawn, then the result of
    sbl__atlas_warn_degenerate. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, sbl__atlas_weld, sbl__atlas_vertices, NULL },
-        { NULL, sbl__atlas_join, sbl__atlas_triangles, NULL },
-        { NULL, sbl__atlas_number, sbl__atlas_vertices, NULL },
-        { sbl__atlas_draw, NULL, NULL, NULL },
-        { sbl__atlas_mark_begin, NULL, NULL, NULL },
-        { NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices, NULL },
-        { NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles, NULL },
-        { NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles, NULL },
-        { NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits, NULL },
-        { sbl__atlas_mark_end, NULL, NULL, NULL },
-        { NULL, sbl__atlas_mark_row, sbl__atlas_lines, NULL }
-    };
-    return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
+    return sbl__stages_run(&a->stages, sbl__atlas_stages, SBL__ATLAS_DONE, a, slice);
 }
 
 /* ======================================================================================================== >>surface
@@ -11195,6 +11221,13 @@ static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float li
     for (k = 0; k < 3; k++) site->normal[k] = (float)normal[k];
 }
 
+/* Makes the site at a point of a triangle of an atlas, with the normal by which a lightmap is lit there. */
+static void sbl__surface_lit(const sbl__atlas *a, uint32_t triangle, const double weights[3], sbl_site *out) {
+    sbl__surface_site(a->geometry, triangle, weights, out);
+    if (sbl__atlas_is_marked(a, triangle))
+        sbl__surface_facet(a->geometry, triangle, a->facet_limit * sbl__facet_unit(a), out);
+}
+
 /* Computes the surface points of as many rows as the slice allows. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
@@ -11279,7 +11312,7 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
 static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.at = s->row = 0; }
 
 /* Does a piece of the work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS. The next call then
-   starts a new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
+   starts a new G-buffer. For a lightmap, sbl__atlas_make must have been called. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_request *request,
                                     sbl__slice *slice) {
     static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
@@ -18138,7 +18171,6 @@ typedef struct sbl__refine {
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and all pixels of one id form one
                                  smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    float facet_limit;        /* lightmaps only: sbl_lightmap_desc.facet_limit in world units; 0: not used */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
                                  are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): not used */
@@ -19150,9 +19182,7 @@ static int sbl__places_of(sbl__refine *r, int index) {
         sbl__site *site = &r->sites[r->site_count];
         sbl_site at;
         if (triangle == SBL__NONE) continue;
-        sbl__surface_site(r->atlas->geometry, triangle, weights, &at);
-        if (sbl__atlas_is_marked(r->atlas, triangle))
-            sbl__surface_facet(r->atlas->geometry, triangle, r->facet_limit, &at);
+        sbl__surface_lit(r->atlas, triangle, weights, &at);
         sbl__tiles_site(r, index, count++, 1, site);
         memcpy(site->position, at.position, sizeof at.position);
         memcpy(site->normal, at.normal, sizeof at.normal);
@@ -20177,10 +20207,9 @@ static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const flo
 }
 
 /* Enables the test for occlusion (sbl__places_occlusion) and, for refused texels, the search for places (see
-   sbl__places_refuse). facet_limit: in texels */
-static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a, float facet_limit) {
+   sbl__places_refuse). */
+static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
     r->atlas = a;
-    r->facet_limit = facet_limit * sbl__facet_unit(a);
     r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
 }
 
@@ -20783,8 +20812,9 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
    where A and B are the bilinear weights at the point's two positions in the map, and x0 is x before. Channels of R
    that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair of edges of
    triangles with the same ends and normals in the world, but not in the map: where normals differ, light may differ.
-   Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that is
-   divided beneath the wall. */
+   The normals are those by which the map is lit: facets that facet_limit affects have their true normals. Points where
+   light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided beneath the
+   wall. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
@@ -20850,27 +20880,36 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     ends[!swapped] = second;
 }
 
-/* Gets the unit normal at an end of an edge: the vertex normal or, if that is 0, the triangle's. */
-static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
-    int k;
-    for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
-    if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
+/* Returns the cosine of the angle between the normals by which a lightmap is lit at two edges, at a vertex of each. */
+static double sbl__seam_cosine(const sbl__atlas *a, const uint32_t edges[2], const uint32_t vertices[2]) {
+    double cosine = 0;
+    sbl_site sites[2];
+    int i, k;
+    for (i = 0; i < 2; i++) {
+        const uint32_t *corners = a->geometry->indices + 3 * (size_t)(edges[i] / 3);
+        double weights[3];
+        for (k = 0; k < 3; k++) weights[k] = corners[k] == vertices[i];
+        sbl__surface_lit(a, edges[i] / 3, weights, &sites[i]);
+    }
+    for (k = 0; k < 3; k++) cosine += (double)sites[0].normal[k] * (double)sites[1].normal[k];
+    return cosine;
 }
 
 /* Returns 0 if two edges have different ends in the world, 2 if they form a seam (their ends have different positions
    in the map and the same normals), otherwise 1. ends: two vertices per edge */
-static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], const uint32_t ends[2][2]) {
-    int i, parted = 0, alike = 1;
+static int sbl__seam_match(const sbl__atlas *atlas, const uint32_t edges[2], const uint32_t ends[2][2]) {
+    const sbl__geometry *g = atlas->geometry;
+    int i, parted = 0;
     for (i = 0; i < 2; i++) {
         const uint32_t a = ends[0][i], b = ends[1][i];
-        double m[3], n[3];
         if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
         if (!sbl__same_floats(sbl__atlas_uv(g, a), sbl__atlas_uv(g, b), 2)) parted = 1;
-        sbl__seam_normal(g, edges[0], a, m);
-        sbl__seam_normal(g, edges[1], b, n);
-        alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
     }
-    return parted && alike ? 2 : 1;
+    for (i = 0; i < 2 && parted; i++) {
+        const uint32_t vertices[2] = { ends[0][i], ends[1][i] };
+        if (!(sbl__seam_cosine(atlas, edges, vertices) > SBL__SEAM_TURN)) parted = 0;
+    }
+    return parted ? 2 : 1;
 }
 
 /* Stores the four texels around a position in the map (at, in texels) and their bilinear weights, negative for side 1,
@@ -20969,7 +21008,7 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
     bucket = sbl__hash_floats(bucket, g->vertices[ends[0][1]].position, 3);
     while (looked < SBL__SEAM_CHAIN && (edges[1] = sbl__bucket_next(&s->edges, &bucket)) != SBL__NONE) {
         sbl__seam_ends(g, edges[1], ends[1]);
-        match = sbl__seam_match(g, edges, (const uint32_t (*)[2])ends);
+        match = sbl__seam_match(s->atlas, edges, (const uint32_t (*)[2])ends);
         looked += match > 0;
         if (match == 2 && sbl__seam_points(s, (const uint32_t (*)[2])ends) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
@@ -21578,7 +21617,7 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice);
-    if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas, m->camera.facet_limit);
+    if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas);
     return result;
 }
 
@@ -22644,10 +22683,8 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
         m->shown = (int *)sbl__alloc(base, (size_t)m->size[0] * (size_t)m->size[1], sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    result = sbl__atlas_choose(base, &l->atlas, &m->work.core->scene.geometry, d.meshes, d.mesh_count);
-    l->atlas.facet_limit = SBL__MAX(picture.facet_limit, 0.0f);
-    l->atlas.at_edges = sbl__zero(&d.facet_limit);
-    return result == SBL_SUCCESS ? sbl__atlas_begin(&l->atlas, &m->window, m->across) : result;
+    result = sbl__atlas_begin(base, &l->atlas, &m->work.core->scene.geometry, &d);
+    return result == SBL_SUCCESS ? sbl__atlas_make(&l->atlas) : result;
 }
 
 /* >>lightmap: surfaces that texels show */
@@ -22894,6 +22931,7 @@ static const sbl__front_end sbl__lightmap_front_end = {
 
 #define SBL__JOINING_STAGES(X) \
     X(SBL__JOINING_CHECK, NULL, sbl__joining_check_texels, sbl__joining_rows, NULL) \
+    X(SBL__JOINING_FACETS, sbl__joining_facets, NULL, NULL, NULL) \
     X(SBL__JOINING_TAKE, sbl__joining_take, NULL, NULL, NULL) \
     X(SBL__JOINING_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
     X(SBL__JOINING_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
@@ -22906,7 +22944,7 @@ enum { SBL__JOINING_STAGES(SBL__STAGE_NAME) SBL__JOINING_DONE };
 typedef struct sbl__joining {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_windows_desc desc;      /* with defaults */
-    sbl__atlas atlas;           /* only its meshes are used; it is not drawn */
+    sbl__atlas atlas;           /* only its meshes and facets are used; it is not drawn */
     sbl__gutters gutters;       /* the gutters of the current layer */
     sbl__seams seams;
     int layer;                  /* index of the current layer; 0: R */
@@ -22935,8 +22973,7 @@ static sbl_result sbl__joining_begin(void *work, const void *desc) {
     sbl__core *c = j->work.core;
     sbl_result result;
     j->desc = sbl_windows_desc_defaults((const sbl_windows_desc *)desc);
-    result = sbl__atlas_choose(&c->base, &j->atlas, &c->scene.geometry, j->desc.lightmap.meshes,
-                               j->desc.lightmap.mesh_count);
+    result = sbl__atlas_begin(&c->base, &j->atlas, &c->scene.geometry, &j->desc.lightmap);
     j->desc.lightmap.meshes = NULL;
     return result;
 }
@@ -22983,6 +23020,15 @@ static sbl_result sbl__joining_check_texels(void *work, int row) {
     return result;
 }
 
+static int sbl__joining_sews(const sbl__joining *j) {
+    return j->desc.lightmap.gutter > 0 && j->desc.lightmap.seams >= 0;
+}
+
+static sbl_result sbl__joining_facets(void *work, sbl__slice *slice) {
+    sbl__joining *j = (sbl__joining *)work;
+    return sbl__joining_sews(j) ? sbl__atlas_find_facets(&j->atlas, slice) : SBL_SUCCESS;
+}
+
 /* Returns how many texels the next piece of TAKE or GIVE copies. */
 static int sbl__joining_texels(const sbl__joining *j) {
     const sbl_lightmap_desc *d = &j->desc.lightmap;
@@ -23025,7 +23071,7 @@ static sbl_result sbl__joining_gutters(void *work, sbl__slice *slice) {
 static sbl_result sbl__joining_sew(void *work, sbl__slice *slice) {
     sbl__joining *j = (sbl__joining *)work;
     sbl_result result;
-    if (j->desc.lightmap.gutter <= 0 || j->desc.lightmap.seams < 0) return SBL_SUCCESS;
+    if (!sbl__joining_sews(j)) return SBL_SUCCESS;
     result = sbl__seams_step(&j->seams, &j->gutters, &j->atlas, j->layer, slice);
     if (!j->layer) sbl__seams_report(&j->seams, j->luminance / SBL__MAX(j->texels, 1), &j->work.core->stats);
     return result;

@@ -760,6 +760,52 @@ TEST(charts_are_parted_by_the_map) {
     }
 }
 
+/* Makes a ridge of two sides, which are 24 long and `height` wide, and whose normals differ by an angle in degrees. The
+   vertex normals point up at the edge where they meet. A texel of a map of 64 x 32 is as wide as one unit. */
+static void ridge_of(test_scene *s, double angle, float height) {
+    static const uint32_t indices[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 };
+    const float out = height * (float)cos(angle * REF_PI / 360), down = height * (float)sin(angle * REF_PI / 360);
+    float positions[24], normals[24], uv[16];
+    int i;
+    memset(s, 0, sizeof *s);
+    for (i = 0; i < 8; i++) {  /* corners of a side: the edge from end to end, then the lower edge back */
+        const int right = i / 4, low = i % 4 / 2, end = (i % 4 == 1 || i % 4 == 2) != right;
+        positions[3 * i] = !low ? 0 : right ? out : -out;
+        positions[3 * i + 1] = low ? -down : 0;
+        positions[3 * i + 2] = end ? 0.0f : 24.0f;
+        normals[3 * i] = !low ? 0 : right ? down : -down;
+        normals[3 * i + 1] = low ? out : 1;
+        normals[3 * i + 2] = 0;
+        uv[2 * i] = (float)(4 + 30 * right + (end ? 0 : 24)) / 64;
+        uv[2 * i + 1] = (4 + (low ? height : 0)) / 32;
+    }
+    scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), positions, normals, NULL, 8, indices, 12)
+        ->lightmap_texcoords.data = scene_copy(s, uv, 16);
+    scene_sky(s, 1, 1, 1);
+}
+
+/* Seams join light that was measured with the same normals. If the sides of a ridge are narrow, facet_limit lights them
+   by their true normals, which differ at the edge: there is no seam. By default, this is so only at edges of more than
+   60 degrees. */
+TEST(seams_need_the_normals_of_the_light) {
+    static const struct { double angle; float height, limit; int seams; } runs[] = {
+        { 40, 2, 2, 0 }, { 40, 2, -1, 1 }, { 40, 2, 0, 1 }, { 90, 2, 0, 0 }, { 90, 16, 2, 1 }, { 40, 3, 2, 0 } };
+    int run;
+    for (run = 0; run < (int)(sizeof runs / sizeof *runs); run++) {
+        static test_scene s;
+        sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
+        float *light;
+        ridge_of(&s, runs[run].angle, runs[run].height);
+        desc.options.rays = 1;
+        desc.facet_limit = runs[run].limit;
+        light = bake(&s, &desc);
+        CHECK(light && sbl_query_stats(context).lightmap.seams == runs[run].seams, "run %d: %d seams", run,
+              sbl_query_stats(context).lightmap.seams);
+        free(light);
+        scene_free(&s);
+    }
+}
+
 /* The test computes the gutter by its rule: each texel of a ring is the mean of its neighbours in the rings before. */
 TEST(gutters_are_means_of_the_rings_before) {
     enum { W = 48, H = 32, RINGS = 5 };
@@ -1469,6 +1515,7 @@ int main(void) {
     RUN(strips_between_first_sensors_are_lit);
     RUN(seams_of_a_ball);
     RUN(seams_do_not_leak);
+    RUN(seams_need_the_normals_of_the_light);
     RUN(charts_are_parted_by_the_map);
     RUN(gutters_are_means_of_the_rings_before);
     RUN(mip_levels_do_not_bleed);

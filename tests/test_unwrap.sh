@@ -57,8 +57,13 @@ is_wide() {
     holds apart "$folder/strip.glb" 64 2 80
 }
 strips_are_wide() {
+    unwrap "$folder/flat.gltf" "$folder/flat.glb" 64 && says ' 2 charts' &&
+    holds wide "$folder/flat.glb" 64 2 && holds parted "$folder/flat.glb" 64 0
+}
+strips_are_parted() {
     unwrap "$folder/moulding.gltf" "$folder/strips.glb" 64 && says ' 2 charts' &&
-    holds wide "$folder/strips.glb" 64 2 && holds apart "$folder/strips.glb" 64 2 70
+    holds wide "$folder/strips.glb" 64 1 && holds parted "$folder/strips.glb" 64 2 &&
+    holds same "$folder/moulding.gltf" "$folder/strips.glb"
 }
 is_not_stretched() {
     unwrap "$folder/round.gltf" "$folder/round.glb" --texel-density 100 && says ' 2 charts' &&
@@ -71,6 +76,7 @@ check density_is_right is_dense
 check several_maps makes_maps
 check long_charts_are_wide is_wide
 check strips_of_long_charts_are_wide strips_are_wide
+check strips_at_an_angle_share_no_texel strips_are_parted
 check round_charts_keep_their_density is_not_stretched
 check a_map_is_too_small too_small 4
 check a_mesh_is_too_large too_small --texel-density 100 --size 64

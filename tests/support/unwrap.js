@@ -241,6 +241,29 @@ const checks = {
             }
     },
 
+    // parted FILE SIZE COUNT: this many edges have two places in the map, through the centres of neighbouring texels
+    parted(file, size, count) {
+        const places = new Map();
+        for (const { p, t } of triangles(read(file)))
+            for (let k = 0; k < 3; k++) {
+                const ends = [k, (k + 1) % 3].map((i) => ({ key: `${p[i]}`, at: t[i].map((x) => x * size) }));
+                ends.sort((a, b) => (a.key < b.key ? -1 : 1));
+                const key = ends.map((e) => e.key).join(), at = ends.map((e) => e.at);
+                if (!places.has(key)) places.set(key, []);
+                if (!places.get(key).some((other) => `${other}` === `${at}`)) places.get(key).push(at);
+            }
+        const cut = [...places.values()].filter((list) => list.length > 1);
+        assert.strictEqual(cut.length, count, 'number of parted edges');
+        for (const [one, other] of cut)
+            for (const end of [0, 1]) {
+                const apart = [0, 1].map((k) => Math.abs(one[end][k] - other[end][k]));
+                const axis = apart[0] > apart[1] ? 0 : 1;
+                const fraction = one[end][axis] - Math.floor(one[end][axis]);
+                assert(Math.abs(apart[axis] - 1) < 0.01 && apart[1 - axis] < 0.01, `${apart} texels apart`);
+                assert(Math.abs(fraction - 0.5) < 0.01, `an edge is at ${one[end][axis]}`);
+            }
+    },
+
     // same BEFORE AFTER: the content of a scene is unchanged, except for the second coordinates
     same(before, after) {
         const old = read(before), has = (m, k) => old.json.meshes[m].primitives[k].attributes.TEXCOORD_0 !== undefined;
@@ -700,6 +723,7 @@ if (what === 'make') {
     mixed(folder);
     band(folder, 'strip.gltf', [[0, 0], [0.0025, 0]]);
     band(folder, 'moulding.gltf', [[0, 0], [0.05, 0], [0.055, 0.005], [0.07, 0.005]]);
+    band(folder, 'flat.gltf', [[0, 0], [0.05, 0], [0.055, 0], [0.07, 0]]);
     const turn = (k) => (k / 90) * Math.PI;
     const round = Array.from({ length: 13 }, (_, k) => [0.4775 * Math.sin(turn(k)), 0.4775 * Math.cos(turn(k))]);
     band(folder, 'round.gltf', round);
