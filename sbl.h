@@ -3075,6 +3075,7 @@ typedef struct sbl__record {
 #define SBL__ATLAS_MARK 0x80000000u  /* the sign bit of a texel's first weight, see SBL__ATLAS_WORDS */
 #define SBL__LOCKSTEP 8            /* invocations in a workgroup on a software renderer: the width of llvmpipe's vectors */
 #define SBL__POOL_RAYS 16          /* maximum number of rays per invocation of trace.glsl */
+#define SBL__CAST_POOL 64          /* rays of a workgroup of cast.glsl that shares rays */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the index of the look's guide is which >> this */
 #define SBL__RESULTS_WIDTH 1024    /* width of the textures that hold the results of a job, in texels */
@@ -3154,7 +3155,7 @@ typedef struct sbl__record {
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(PATCH_AXIS_SHIFT) \
     X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
-    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOCKSTEP) X(POOL_RAYS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
+    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
     X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
     X(LAMP_NEAR_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
@@ -15627,6 +15628,15 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
+"// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, as trace.glsl does\n",
+"#if defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP\n",
+"#define SBL_POOLED\n",
+"#endif\n",
+"#ifdef SBL_COMPUTE\n",
+"#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)\n",
+"#else\n",
+"#define sbl_write_ray(name, ray, value) name = value\n",
+"#endif\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
 "SBL_OUT(2, out_shine);\n",
@@ -15663,36 +15673,32 @@ static const char *const sbl__glsl_cast[] = {
 "}\n",
 "#endif\n",
 "\n",
-"void main() {\n",
-"    ivec2 texel = sbl_texel_of_invocation();\n",
-"    int ray = texel.y * columns + texel.x;\n",
-"    if (ray >= count) sbl_leave;\n",
-"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
+"// Traces the first segment of a ray. Returns true if the ray goes on from metal.\n",
+"bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction) {\n",
+"    origin = sbl_cast_origin(ray);\n",
+"    direction = sbl_cast_direction(ray);\n",
 "    float limit = sbl_cast_limit(ray);\n",
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
 "    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);\n",
-"    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
-"    vec3 throughput = sbl_tint, position = origin + direction * hit.distance;\n",
-"    float low = 0.0, high = 0.0;\n",
+"    hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec4 shine = vec4(0);\n",
-"    parts = vec4(0);\n",
 "    sbl_Material material;\n",
+"    hit_shines = false;\n",
 "    if (limit < 0.0 && hit.triangle >= 0) {\n",
 "        material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "        hit_shines = sbl_shines(material, material.reflectance);\n",
 "    }\n",
-"    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
-"        shine = vec4(sbl_go_on(hit, material, origin, direction, throughput, fractions * SBL_HASH_FACTOR), 1);\n",
-"        // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.\n",
-"        position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);\n",
-"    }\n",
-"    sbl_write(out_shine, shine);\n",
-"#ifdef SBL_GROUPS\n",
-"    sbl_write(out_parts, parts);\n",
+"    return hit_shines;\n",
+"#else\n",
+"    return false;\n",
 "#endif\n",
-"#endif\n",
+"}\n",
+"\n",
+"// Writes the last hit of a ray.\n",
+"void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {\n",
+"    vec3 albedo = vec3(0);\n",
+"    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
 "        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), throughput);\n",
@@ -15700,9 +15706,81 @@ static const char *const sbl__glsl_cast[] = {
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }\n",
-"    sbl_write(out_position, vec4(position, low));\n",
-"    sbl_write(out_albedo, vec4(albedo, high));\n",
+"    sbl_write_ray(out_position, ray, vec4(position, low));\n",
+"    sbl_write_ray(out_albedo, ray, vec4(albedo, high));\n",
 "}\n",
+"\n",
+"#ifdef SBL_BOUNCED\n",
+"// Writes the light that a ray has found by way of metal.\n",
+"void sbl_cast_write_shine(int ray, vec4 shine) {\n",
+"    sbl_write_ray(out_shine, ray, shine);\n",
+"#ifdef SBL_GROUPS\n",
+"    sbl_write_ray(out_parts, ray, parts);\n",
+"#endif\n",
+"}\n",
+"\n",
+"// Lets a ray go on that has hit metal, and writes what it finds.\n",
+"void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
+"    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
+"    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
+"    hit_shines = true;\n",
+"    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
+"    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.\n",
+"    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
+"}\n",
+"#endif\n",
+"\n",
+"#ifdef SBL_POOLED\n",
+"shared int pool_count;                  // number of rays in the pool\n",
+"shared vec4 pool_ways[SBL_CAST_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
+"shared vec4 pool_tints[SBL_CAST_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
+"shared ivec2 pool_hits[SBL_CAST_POOL];  // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"\n",
+"void main() {\n",
+"    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;\n",
+"    if (mine == 0) pool_count = 0;\n",
+"    memoryBarrierShared();\n",
+"    barrier();\n",
+"    for (int ray = first + mine; ray < min(first + SBL_CAST_POOL, count); ray += SBL_LOCKSTEP) {\n",
+"        sbl_Hit hit;\n",
+"        vec3 origin, direction;\n",
+"        bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
+"        if (goes_on) {\n",
+"            int at = atomicAdd(pool_count, 1);\n",
+"            pool_ways[at] = vec4(direction, hit.b1);\n",
+"            pool_tints[at] = vec4(sbl_tint, hit.b2);\n",
+"            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
+"        } else {\n",
+"            sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
+"            sbl_cast_write_shine(ray, vec4(0));\n",
+"        }\n",
+"    }\n",
+"    memoryBarrierShared();\n",
+"    barrier();\n",
+"    int filled = pool_count;\n",
+"    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {\n",
+"        int triangle = pool_hits[at].x >> 1;\n",
+"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_tints[at].w,\n",
+"                              (pool_hits[at].x & 1) != 0);\n",
+"        sbl_cast_on(pool_hits[at].y, hit, vec3(0), pool_ways[at].xyz, pool_tints[at].rgb);\n",
+"    }\n",
+"}\n",
+"#else\n",
+"void main() {\n",
+"    ivec2 texel = sbl_texel_of_invocation();\n",
+"    int ray = texel.y * columns + texel.x;\n",
+"    if (ray >= count) sbl_leave;\n",
+"    sbl_Hit hit;\n",
+"    vec3 origin, direction;\n",
+"    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
+"    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
+"#ifdef SBL_BOUNCED\n",
+"    parts = vec4(0);\n",
+"    sbl_cast_write_shine(ray, vec4(0));\n",
+"    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);\n",
+"#endif\n",
+"}\n",
+"#endif\n",
 0 };
 /* <<glsl */
 
@@ -15753,6 +15831,7 @@ static int sbl__cast_outputs(const sbl__scene *scene) {
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
+    int invocations = count;
     sbl_result result = sbl__blocks_make(d, &b->blocks, sbl__cast_outputs(scene), SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_stream(d, &b->casts.buffer, SBL__CAST_MOST * sizeof *rays, rays,
@@ -15767,7 +15846,9 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     sbl__set_int(d, "columns", SBL__CAST_COLUMNS);
     sbl__set_int(d, "first_slot", 0);
     sbl__set_int(d, "count", count);
-    sbl__invoke(d, &b->blocks.target, 0, (count + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS, count);
+    if (sbl__cast_has_metal(scene) && d->workgroup == SBL__LOCKSTEP)
+        invocations = (count + SBL__CAST_POOL - 1) / SBL__CAST_POOL * SBL__LOCKSTEP;
+    sbl__invoke(d, &b->blocks.target, 0, (count + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS, invocations);
     return sbl__gl_check(&d->gl);
 }
 
