@@ -186,10 +186,9 @@ bool sbl_begin(int look, float every) {
 #endif
 }
 
-// Traces the current segment, whose index is `segment`. Returns the light that it finds. hit, material: receive what
-// it hits. goes_on: receives true if the ray goes on from there
-vec3 sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material, out bool goes_on) {
-    goes_on = false;
+// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit, material:
+// receive what it hits. Returns true if the ray goes on from there.
+bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
     throughput *= sbl_tint;
     if (hit.triangle < 0) {
@@ -197,8 +196,9 @@ vec3 sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material, out boo
         sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
         vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);
+        sum.rgb += seen_sky;
         sbl_add_layer(sky_layer, seen_sky);
-        return seen_sky;
+        return false;
     }
 #ifdef SBL_SPECULAR
     lamp_mis = 0.0;
@@ -211,34 +211,34 @@ vec3 sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material, out boo
 #ifdef SBL_SPECULAR
     arriving = direction;
 #endif
-    vec3 light = throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
-                                           material);
+    bool goes_on;
+    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on, material);
     if (segment == 0) {
         sum.a += hit.back ? weight : 0.0;
         hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
         hits.z = min(hits.z, hit.distance);
     }
-    return light;
+    return goes_on;
 }
 
 #ifdef SBL_BOUNCED
-// Traces a shadow ray from a hit to a lamp, and begins the next segment there. Returns the light of the lamp. hash:
-// source of the random numbers. goes_on: receives false if the next segment would carry no light
-vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, out bool goes_on) {
+// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment. hash:
+// source of the random numbers. Returns false if the next segment would carry no light.
+bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
     from = next.from;
     sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
-    vec3 light = vec3(0);
-    if (between.triangle < 0 || between.number == next.number) light = throughput * sbl_tint * next.light;
-    sbl_add_layer(next.layer, light);
+    if (between.triangle < 0 || between.number == next.number) {
+        sum.rgb += throughput * sbl_tint * next.light;
+        sbl_add_layer(next.layer, throughput * sbl_tint * next.light);
+    }
     throughput *= next.throughput;
     direction = next.direction;
 #ifdef SBL_SPECULAR
     ray_density = next.density;
 #endif
     limit = SBL_UNBOUNDED;
-    goes_on = max(throughput.r, max(throughput.g, throughput.b)) > 0.0;
-    return light;
+    return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;
 }
 #endif
 
@@ -289,10 +289,13 @@ void sbl_take(int at, int segment) {
     sbl_face_ray(material, hit, direction, false);
     chance_least = 0.0;
     uint hash = pool_hashes[at];
-    bool goes_on;
     int term = SBL_TERMS * ray + 2 * segment;
-    pool_terms[term - 1] = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)), goes_on);
-    if (goes_on) pool_terms[term] = sbl_follow(segment, hit, material, goes_on);
+    sum.rgb = vec3(0);
+    bool goes_on = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));
+    pool_terms[term - 1] = sum.rgb;
+    sum.rgb = vec3(0);
+    if (goes_on) goes_on = sbl_follow(segment, hit, material);
+    pool_terms[term] = sum.rgb;
     if (goes_on) sbl_pool(segment, hit, ray, hash);
     atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);
 }
@@ -345,7 +348,9 @@ void main() {
         sbl_Hit hit;
         sbl_Material material;
         bool goes_on = sbl_begin(look, every);
-        if (goes_on) pool_terms[SBL_TERMS * ray] = sbl_follow(0, hit, material, goes_on);
+        sum.rgb = vec3(0);
+        if (goes_on) goes_on = sbl_follow(0, hit, material);
+        pool_terms[SBL_TERMS * ray] = sum.rgb;
         uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
         if (goes_on) sbl_pool(0, hit, ray, hash);
     }
@@ -358,6 +363,7 @@ void main() {
     if (sbl_cut_short()) pool_lost = 1;
     memoryBarrierShared();
     barrier();
+    sum.rgb = vec3(0);
     for (int k = 0; k < all; k++) {
         vec3 before = sum.rgb;
         for (int term = 0; term < SBL_TERMS; term++) sum.rgb += pool_terms[SBL_TERMS * (first + k) + term];
@@ -379,16 +385,14 @@ void main() {
         for (int segment = 0; segment < segments; segment++) {
             sbl_Hit hit;
             sbl_Material material;
-            bool goes_on;
-            sum.rgb += sbl_follow(segment, hit, material, goes_on);
+            bool goes_on = sbl_follow(segment, hit, material);
 #ifdef SBL_SPECULAR
             chance_least = 0.0;
 #endif
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            sum.rgb += sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)), goes_on);
-            if (!goes_on) break;
+            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;
 #endif
         }
         vec4 to_harmonics = sbl_harmonics(way, normal, sbl_stratum_reciprocal(u.x));
