@@ -3073,7 +3073,7 @@ typedef struct sbl__record {
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
 #define SBL__ATLAS_MARK 0x80000000u  /* the sign bit of a texel's first weight, see SBL__ATLAS_WORDS */
-#define SBL__LOCKSTEP 8            /* invocations in a workgroup on a software renderer: the width of llvmpipe's vectors */
+#define SBL__LOCKSTEP 8            /* invocations in a workgroup on a software renderer: a vector of llvmpipe */
 #define SBL__POOL_RAYS 16          /* maximum number of rays per invocation of trace.glsl */
 #define SBL__CAST_POOL 64          /* rays of a workgroup of cast.glsl that shares rays */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's index in sbl__look.which */
@@ -3155,7 +3155,7 @@ typedef struct sbl__record {
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(PATCH_AXIS_SHIFT) \
     X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
-    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
+    X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
     X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
     X(LAMP_NEAR_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
@@ -3164,7 +3164,7 @@ typedef struct sbl__record {
     X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
     X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) X(LOBE_ROUGH) X(LOBE_UNIT) \
     X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) X(POLISHED) X(MIRROR_DIFFUSE) \
-    X(STEPS_UNIT) X(STEPS_MASK)
+    X(STEPS_UNIT) X(STEPS_MASK) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -13664,7 +13664,9 @@ typedef struct sbl__trace {
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if invocations of trace.glsl share the rays that go on (SBL_POOLED). */
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that go on, see SBL_POOLED there. Each then
+   gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but get as many, so that
+   their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
     const unsigned features = sbl__features_of(scene, spec), wanted = SBL__SPECULAR | SBL__BOUNCED;
     return (features & wanted) == wanted && (features & (SBL__GUIDED | SBL__LOBE)) && d->workgroup == SBL__LOCKSTEP &&
@@ -13954,7 +13956,8 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
-"// SBL_POOLED: a workgroup first traces the first segments of all its rays, and then shares the rays that go on\n",
+"// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on. The\n",
+"// conditions must suit sbl__trace_pools in sbl.h\n",
 "#if defined(SBL_SPECULAR) && defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP && \\\n",
 "    (defined(SBL_GUIDED) || defined(SBL_LOBE)) && !defined(SBL_DIRECTIONAL) && !defined(SBL_GROUPS)\n",
 "#define SBL_POOLED\n",
@@ -14074,8 +14077,8 @@ static const char *const sbl__glsl_trace[] = {
 "float weight = 0.0;                   // weight of the ray\n",
 "vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "\n",
-"// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the ray\n",
-"// starts below the horizon, where it finds no light.\n",
+"// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the\n",
+"// ray starts below the horizon, where it finds no light.\n",
 "bool sbl_begin(int look, float every) {\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(look));\n",
 "    from = sbl_look_position(look);\n",
@@ -14128,8 +14131,8 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit, material:\n",
-"// receive what it hits. Returns true if the ray goes on from there.\n",
+"// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and\n",
+"// material receive what it hits. Returns true if the ray goes on from there.\n",
 "bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {\n",
 "    hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "    throughput *= sbl_tint;\n",
@@ -14154,7 +14157,8 @@ static const char *const sbl__glsl_trace[] = {
 "    arriving = direction;\n",
 "#endif\n",
 "    bool goes_on;\n",
-"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on, material);\n",
+"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,\n",
+"                                         material);\n",
 "    if (segment == 0) {\n",
 "        sum.a += hit.back ? weight : 0.0;\n",
 "        hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
@@ -14164,8 +14168,13 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment. hash:\n",
-"// source of the random numbers. Returns false if the next segment would carry no light.\n",
+"// Returns the source of a ray's random numbers. number: the ray's index in the sequence\n",
+"uint sbl_ray_hash(uvec2 scramble, int number) {\n",
+"    return sbl_hash_step(sbl_hash_step(scramble.x, uint(number)), scramble.y);\n",
+"}\n",
+"\n",
+"// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.\n",
+"// hash: source of the random numbers. Returns false if the next segment would carry no light.\n",
 "bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
 "    from = next.from;\n",
@@ -14185,14 +14194,14 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_POOLED\n",
-"// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the long\n",
-"// code of sbl_go_on even if only one ray goes on. The rays that go on are therefore collected in a pool, from which\n",
-"// the invocations take them, so that each execution serves a full vector. There is one pool for rays at their first\n",
-"// hit, and one for rays at their second. The light of each segment of each ray is kept, so that the invocation to\n",
-"// which a ray belongs adds it in the same order as without pools.\n",
+"// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the\n",
+"// long code of sbl_go_on, even if only one ray goes on or none. Rays that go on are therefore collected in a pool,\n",
+"// from which the invocations take them, so that each execution serves a full vector. One pool holds rays at their\n",
+"// first hit, another those at their second. The light of each segment of each ray is kept: the invocation that\n",
+"// owns a ray adds it in the same order as without pools, so that sums have the same bits.\n",
 "const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup\n",
-"const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // of a ray: light of its first segment and, for each hit where the ray\n",
-"                                             // goes on, of the lamp and of the next segment\n",
+"const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // terms of a ray's light: that of its first segment and, for each\n",
+"                                             // hit where it goes on, of the lamp and of the next segment\n",
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
 "shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
@@ -14219,8 +14228,8 @@ static const char *const sbl__glsl_trace[] = {
 "// Lets the ray at a place of a pool go on with this segment.\n",
 "void sbl_take(int at, int segment) {\n",
 "    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
-"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_throughputs[at].w,\n",
-"                          (pool_hits[at].x & 1) != 0);\n",
+"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,\n",
+"                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);\n",
 "    direction = pool_ways[at].xyz;\n",
 "    throughput = pool_throughputs[at].rgb;\n",
 "    chance_least = pool_chances[at].x;\n",
@@ -14246,11 +14255,12 @@ static const char *const sbl__glsl_trace[] = {
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;\n",
 "    int look = sheet.y * columns + sheet.x - first_slot;\n",
-"    bool outside = look < 0 || look >= count;\n",
 "#ifdef SBL_POOLED\n",
-"    look = outside ? 0 : look;  // the invocation has no rays, but takes rays from the pools\n",
+"    bool outside = look < 0 || look >= count;\n",
+"    look = outside ? 0 : look;  // such an invocation has no rays of its own, but takes rays from the pools\n",
 "#else\n",
-"    if (outside) sbl_leave;\n",
+"    const bool outside = false;\n",
+"    if (look < 0 || look >= count) sbl_leave;\n",
 "#endif\n",
 "    vec3 normal = sbl_look_normal(look);\n",
 "    uvec2 scramble = sbl_look_scramble(look);\n",
@@ -14258,7 +14268,7 @@ static const char *const sbl__glsl_trace[] = {
 "    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);\n",
 "#endif\n",
 "    int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;\n",
-"    int end = outside || (no_light && number > 0) ? 0 : rays;\n",
+"    int end = no_light && number > 0 || outside ? 0 : rays;\n",
 "    float every = 1.0;  // factor of each ray's light\n",
 "#ifdef SBL_LOBE\n",
 "    sbl_lobe_begin(look, normal);\n",
@@ -14293,8 +14303,7 @@ static const char *const sbl__glsl_trace[] = {
 "        sum.rgb = vec3(0);\n",
 "        if (goes_on) goes_on = sbl_follow(0, hit, material);\n",
 "        pool_terms[SBL_TERMS * ray] = sum.rgb;\n",
-"        uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
-"        if (goes_on) sbl_pool(0, hit, ray, hash);\n",
+"        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));\n",
 "    }\n",
 "    for (int segment = 1; segment < SBL_SEGMENTS; segment++) {\n",
 "        memoryBarrierShared();\n",
@@ -14333,7 +14342,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
-"            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
+"            uint hash = sbl_ray_hash(scramble, skip + i);\n",
 "            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;\n",
 "#endif\n",
 "        }\n",
@@ -15632,7 +15641,7 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
-"// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, as trace.glsl does\n",
+"// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl\n",
 "#if defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP\n",
 "#define SBL_POOLED\n",
 "#endif\n",

@@ -12,7 +12,8 @@ uniform bool no_light;                // true: rays cannot find light, so only a
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
-// SBL_POOLED: a workgroup first traces the first segments of all its rays, and then shares the rays that go on
+// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on. The
+// conditions must suit sbl__trace_pools in sbl.h
 #if defined(SBL_SPECULAR) && defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP && \
     (defined(SBL_GUIDED) || defined(SBL_LOBE)) && !defined(SBL_DIRECTIONAL) && !defined(SBL_GROUPS)
 #define SBL_POOLED
@@ -132,8 +133,8 @@ vec2 u;                               // point of the unit square that gives thi
 float weight = 0.0;                   // weight of the ray
 vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 
-// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the ray
-// starts below the horizon, where it finds no light.
+// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the
+// ray starts below the horizon, where it finds no light.
 bool sbl_begin(int look, float every) {
     mat3 frame = sbl_frame(sbl_look_normal(look));
     from = sbl_look_position(look);
@@ -186,8 +187,8 @@ bool sbl_begin(int look, float every) {
 #endif
 }
 
-// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit, material:
-// receive what it hits. Returns true if the ray goes on from there.
+// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and
+// material receive what it hits. Returns true if the ray goes on from there.
 bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
     throughput *= sbl_tint;
@@ -212,7 +213,8 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     arriving = direction;
 #endif
     bool goes_on;
-    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on, material);
+    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
+                                         material);
     if (segment == 0) {
         sum.a += hit.back ? weight : 0.0;
         hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
@@ -222,8 +224,13 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
 }
 
 #ifdef SBL_BOUNCED
-// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment. hash:
-// source of the random numbers. Returns false if the next segment would carry no light.
+// Returns the source of a ray's random numbers. number: the ray's index in the sequence
+uint sbl_ray_hash(uvec2 scramble, int number) {
+    return sbl_hash_step(sbl_hash_step(scramble.x, uint(number)), scramble.y);
+}
+
+// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.
+// hash: source of the random numbers. Returns false if the next segment would carry no light.
 bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
     from = next.from;
@@ -243,14 +250,14 @@ bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
 #endif
 
 #ifdef SBL_POOLED
-// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the long
-// code of sbl_go_on even if only one ray goes on. The rays that go on are therefore collected in a pool, from which
-// the invocations take them, so that each execution serves a full vector. There is one pool for rays at their first
-// hit, and one for rays at their second. The light of each segment of each ray is kept, so that the invocation to
-// which a ray belongs adds it in the same order as without pools.
+// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the
+// long code of sbl_go_on, even if only one ray goes on or none. Rays that go on are therefore collected in a pool,
+// from which the invocations take them, so that each execution serves a full vector. One pool holds rays at their
+// first hit, another those at their second. The light of each segment of each ray is kept: the invocation that
+// owns a ray adds it in the same order as without pools, so that sums have the same bits.
 const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup
-const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // of a ray: light of its first segment and, for each hit where the ray
-                                             // goes on, of the lamp and of the next segment
+const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // terms of a ray's light: that of its first segment and, for each
+                                             // hit where it goes on, of the lamp and of the next segment
 shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool
 shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
 shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2
@@ -277,8 +284,8 @@ void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
 // Lets the ray at a place of a pool go on with this segment.
 void sbl_take(int at, int segment) {
     int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;
-    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_throughputs[at].w,
-                          (pool_hits[at].x & 1) != 0);
+    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,
+                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);
     direction = pool_ways[at].xyz;
     throughput = pool_throughputs[at].rgb;
     chance_least = pool_chances[at].x;
@@ -304,11 +311,12 @@ void sbl_take(int at, int segment) {
 void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
     int look = sheet.y * columns + sheet.x - first_slot;
-    bool outside = look < 0 || look >= count;
 #ifdef SBL_POOLED
-    look = outside ? 0 : look;  // the invocation has no rays, but takes rays from the pools
+    bool outside = look < 0 || look >= count;
+    look = outside ? 0 : look;  // such an invocation has no rays of its own, but takes rays from the pools
 #else
-    if (outside) sbl_leave;
+    const bool outside = false;
+    if (look < 0 || look >= count) sbl_leave;
 #endif
     vec3 normal = sbl_look_normal(look);
     uvec2 scramble = sbl_look_scramble(look);
@@ -316,7 +324,7 @@ void main() {
     if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
 #endif
     int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;
-    int end = outside || (no_light && number > 0) ? 0 : rays;
+    int end = no_light && number > 0 || outside ? 0 : rays;
     float every = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
     sbl_lobe_begin(look, normal);
@@ -351,8 +359,7 @@ void main() {
         sum.rgb = vec3(0);
         if (goes_on) goes_on = sbl_follow(0, hit, material);
         pool_terms[SBL_TERMS * ray] = sum.rgb;
-        uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-        if (goes_on) sbl_pool(0, hit, ray, hash);
+        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));
     }
     for (int segment = 1; segment < SBL_SEGMENTS; segment++) {
         memoryBarrierShared();
@@ -391,7 +398,7 @@ void main() {
 #endif
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
+            uint hash = sbl_ray_hash(scramble, skip + i);
             if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;
 #endif
         }
