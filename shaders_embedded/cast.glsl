@@ -5,6 +5,15 @@
 SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
+// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl
+#if defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP
+#define SBL_POOLED
+#endif
+#ifdef SBL_COMPUTE
+#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)
+#else
+#define sbl_write_ray(name, ray, value) name = value
+#endif
 #ifdef SBL_BOUNCED  // the scene has metal
 // rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal
 SBL_OUT(2, out_shine);
@@ -41,36 +50,32 @@ vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inou
 }
 #endif
 
-void main() {
-    ivec2 texel = sbl_texel_of_invocation();
-    int ray = texel.y * columns + texel.x;
-    if (ray >= count) sbl_leave;
-    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);
+// Traces the first segment of a ray. Returns true if the ray goes on from metal.
+bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction) {
+    origin = sbl_cast_origin(ray);
+    direction = sbl_cast_direction(ray);
     float limit = sbl_cast_limit(ray);
     uint fractions = sbl_cast_fractions(ray);
     vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
     if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
-    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
-    vec3 throughput = sbl_tint, position = origin + direction * hit.distance;
-    float low = 0.0, high = 0.0;
+    hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
 #ifdef SBL_BOUNCED
-    vec4 shine = vec4(0);
-    parts = vec4(0);
     sbl_Material material;
+    hit_shines = false;
     if (limit < 0.0 && hit.triangle >= 0) {
         material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
         hit_shines = sbl_shines(material, material.reflectance);
     }
-    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
-        shine = vec4(sbl_go_on(hit, material, origin, direction, throughput, fractions * SBL_HASH_FACTOR), 1);
-        // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
-        position = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
-    }
-    sbl_write(out_shine, shine);
-#ifdef SBL_GROUPS
-    sbl_write(out_parts, parts);
+    return hit_shines;
+#else
+    return false;
 #endif
-#endif
+}
+
+// Writes the last hit of a ray.
+void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
+    vec3 albedo = vec3(0);
+    float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
         albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), throughput);
@@ -78,6 +83,78 @@ void main() {
         high = float(hit.number / SBL_CAST_NUMBERS);
     }
     if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }
-    sbl_write(out_position, vec4(position, low));
-    sbl_write(out_albedo, vec4(albedo, high));
+    sbl_write_ray(out_position, ray, vec4(position, low));
+    sbl_write_ray(out_albedo, ray, vec4(albedo, high));
 }
+
+#ifdef SBL_BOUNCED
+// Writes the light that a ray has found by way of metal.
+void sbl_cast_write_shine(int ray, vec4 shine) {
+    sbl_write_ray(out_shine, ray, shine);
+#ifdef SBL_GROUPS
+    sbl_write_ray(out_parts, ray, parts);
+#endif
+}
+
+// Lets a ray go on that has hit metal, and writes what it finds.
+void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
+    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
+    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
+    hit_shines = true;
+    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
+    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
+    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);
+}
+#endif
+
+#ifdef SBL_POOLED
+shared int pool_count;                  // number of rays in the pool
+shared vec4 pool_ways[SBL_CAST_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
+shared vec4 pool_tints[SBL_CAST_POOL];  // rgb: throughput; a: sbl_Hit.b2
+shared ivec2 pool_hits[SBL_CAST_POOL];  // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
+
+void main() {
+    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;
+    if (mine == 0) pool_count = 0;
+    memoryBarrierShared();
+    barrier();
+    for (int ray = first + mine; ray < min(first + SBL_CAST_POOL, count); ray += SBL_LOCKSTEP) {
+        sbl_Hit hit;
+        vec3 origin, direction;
+        bool goes_on = sbl_cast_ray(ray, hit, origin, direction);
+        if (goes_on) {
+            int at = atomicAdd(pool_count, 1);
+            pool_ways[at] = vec4(direction, hit.b1);
+            pool_tints[at] = vec4(sbl_tint, hit.b2);
+            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
+        } else {
+            sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
+            sbl_cast_write_shine(ray, vec4(0));
+        }
+    }
+    memoryBarrierShared();
+    barrier();
+    int filled = pool_count;
+    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {
+        int triangle = pool_hits[at].x >> 1;
+        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_tints[at].w,
+                              (pool_hits[at].x & 1) != 0);
+        sbl_cast_on(pool_hits[at].y, hit, vec3(0), pool_ways[at].xyz, pool_tints[at].rgb);
+    }
+}
+#else
+void main() {
+    ivec2 texel = sbl_texel_of_invocation();
+    int ray = texel.y * columns + texel.x;
+    if (ray >= count) sbl_leave;
+    sbl_Hit hit;
+    vec3 origin, direction;
+    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);
+    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
+#ifdef SBL_BOUNCED
+    parts = vec4(0);
+    sbl_cast_write_shine(ray, vec4(0));
+    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);
+#endif
+}
+#endif

@@ -12,6 +12,12 @@ uniform bool no_light;                // true: rays cannot find light, so only a
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
+// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on. The
+// conditions must suit sbl__trace_pools in sbl.h
+#if defined(SBL_SPECULAR) && defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP && \
+    (defined(SBL_GUIDED) || defined(SBL_LOBE)) && !defined(SBL_DIRECTIONAL) && !defined(SBL_GROUPS)
+#define SBL_POOLED
+#endif
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
@@ -119,162 +125,300 @@ const int SBL_SEGMENTS = 3;
 const int SBL_SEGMENTS = 1;
 #endif
 
+// The ray that is traced, and sums over the rays of the invocation
+vec3 from, direction, throughput;     // of the current segment
+float limit;                          // maximum length of the current segment
+vec3 way = vec3(0);                   // direction of the first segment
+vec2 u;                               // point of the unit square that gives this direction
+float weight = 0.0;                   // weight of the ray
+vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
+
+// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the
+// ray starts below the horizon, where it finds no light.
+bool sbl_begin(int look, float every) {
+    mat3 frame = sbl_frame(sbl_look_normal(look));
+    from = sbl_look_position(look);
+    weight = every;
+#ifdef SBL_SPECULAR
+    ray_density = 0.0;
+#endif
+#ifdef SBL_SEES_MIRRORED
+    bool to_mirrored = !scouts && u.x < mirrored_rays;
+    float others = scouts ? 0.0 : mirrored_rays;
+    u.x = to_mirrored ? u.x / mirrored_rays : (u.x - others) / (1.0 - others);
+    vec2 u_mirrored = u;
+#endif
+#ifdef SBL_GUIDED
+    int guide = int(sbl_look_which(look) >> SBL_LOOK_GUIDE_SHIFT);
+    weight = sbl_guide(guide, u);
+#endif
+    direction = sbl_by_cosine(frame, u * vec2(spread, 1.0));
+#ifdef SBL_SEES_MIRRORED
+    for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {
+        direction = sbl_mirrored_sample(u_mirrored);
+        u = sbl_by_cosine_inverse(direction * frame);
+#ifdef SBL_GUIDED
+        weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);
+#endif
+    }
+    for (int once = 0; once < (mirrored_rays > 0.0 ? 1 : 0); once++) {
+        float cosine = max(dot(direction, frame[2]), 0.0);
+        float mirrored = mirrored_rays * sbl_mirrored_density(direction);
+        float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);
+        weight = cosine / (SBL_PI * max(density, SBL_DIVISOR_LEAST));
+        chance_least = mirrored / max(density, SBL_DIVISOR_LEAST);
+    }
+#endif
+    throughput = vec3(weight);
+#ifdef SBL_LOBE
+    for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
+    throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
+    ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
+    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
+#endif
+    way = direction;
+    limit = ray_length;
+#ifdef SBL_LOBE
+    return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;
+#elif defined(SBL_SEES_MIRRORED)
+    return weight > 0.0;
+#else
+    return true;
+#endif
+}
+
+// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and
+// material receive what it hits. Returns true if the ray goes on from there.
+bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
+    hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
+    throughput *= sbl_tint;
+    if (hit.triangle < 0) {
+#ifdef SBL_SPECULAR
+        sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
+#endif
+        vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);
+        sum.rgb += seen_sky;
+        sbl_add_layer(sky_layer, seen_sky);
+        return false;
+    }
+#ifdef SBL_SPECULAR
+    lamp_mis = 0.0;
+    if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));
+#endif
+    vec3 position = from + direction * hit.distance;
+#ifdef SBL_GROUPS
+    carried = throughput;
+#endif
+#ifdef SBL_SPECULAR
+    arriving = direction;
+#endif
+    bool goes_on;
+    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
+                                         material);
+    if (segment == 0) {
+        sum.a += hit.back ? weight : 0.0;
+        hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
+        hits.z = min(hits.z, hit.distance);
+    }
+    return goes_on;
+}
+
+#ifdef SBL_BOUNCED
+// Returns the source of a ray's random numbers. number: the ray's index in the sequence
+uint sbl_ray_hash(uvec2 scramble, int number) {
+    return sbl_hash_step(sbl_hash_step(scramble.x, uint(number)), scramble.y);
+}
+
+// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.
+// hash: source of the random numbers. Returns false if the next segment would carry no light.
+bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
+    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
+    from = next.from;
+    sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
+    if (between.triangle < 0 || between.number == next.number) {
+        sum.rgb += throughput * sbl_tint * next.light;
+        sbl_add_layer(next.layer, throughput * sbl_tint * next.light);
+    }
+    throughput *= next.throughput;
+    direction = next.direction;
+#ifdef SBL_SPECULAR
+    ray_density = next.density;
+#endif
+    limit = SBL_UNBOUNDED;
+    return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;
+}
+#endif
+
+#ifdef SBL_POOLED
+// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the
+// long code of sbl_go_on, even if only one ray goes on or none. Rays that go on are therefore collected in a pool,
+// from which the invocations take them, so that each execution serves a full vector. One pool holds rays at their
+// first hit, another those at their second. The light of each segment of each ray is kept: the invocation that
+// owns a ray adds it in the same order as without pools, so that sums have the same bits.
+const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup
+const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // terms of a ray's light: that of its first segment and, for each
+                                             // hit where it goes on, of the lamp and of the next segment
+shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool
+shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
+shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2
+shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
+shared uint pool_hashes[2 * SBL_POOL];
+shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe
+shared vec3 pool_terms[SBL_TERMS * SBL_POOL];
+shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that went on
+shared int pool_lost;                        // 1: an invocation has lost rays
+
+// Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup
+void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
+    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);
+    pool_ways[at] = vec4(direction, hit.b1);
+    pool_throughputs[at] = vec4(throughput, hit.b2);
+    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
+    pool_hashes[at] = hash;
+    pool_chances[at] = vec2(chance_least, 0);
+#ifdef SBL_LOBE
+    pool_chances[at].y = lobe.alpha;
+#endif
+}
+
+// Lets the ray at a place of a pool go on with this segment.
+void sbl_take(int at, int segment) {
+    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;
+    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,
+                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);
+    direction = pool_ways[at].xyz;
+    throughput = pool_throughputs[at].rgb;
+    chance_least = pool_chances[at].x;
+#ifdef SBL_LOBE
+    lobe.alpha = pool_chances[at].y;
+#endif
+    sbl_Material material = sbl_material(int(sbl_triangle_object(triangle)), sbl_attributes_of(hit));
+    sbl_face_ray(material, hit, direction, false);
+    chance_least = 0.0;
+    uint hash = pool_hashes[at];
+    int term = SBL_TERMS * ray + 2 * segment;
+    sum.rgb = vec3(0);
+    bool goes_on = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));
+    pool_terms[term - 1] = sum.rgb;
+    sum.rgb = vec3(0);
+    if (goes_on) goes_on = sbl_follow(segment, hit, material);
+    pool_terms[term] = sum.rgb;
+    if (goes_on) sbl_pool(segment, hit, ray, hash);
+    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);
+}
+#endif
+
 void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
     int look = sheet.y * columns + sheet.x - first_slot;
+#ifdef SBL_POOLED
+    bool outside = look < 0 || look >= count;
+    look = outside ? 0 : look;  // such an invocation has no rays of its own, but takes rays from the pools
+#else
+    const bool outside = false;
     if (look < 0 || look >= count) sbl_leave;
-    vec3 origin = sbl_look_position(look);
-    mat3 frame = sbl_frame(sbl_look_normal(look));
+#endif
+    vec3 normal = sbl_look_normal(look);
     uvec2 scramble = sbl_look_scramble(look);
-    uint which = sbl_look_which(look);
-#ifdef SBL_GUIDED
-    int guide = int(which >> SBL_LOOK_GUIDE_SHIFT);
-#endif
 #ifdef SBL_SEES_MIRRORED
-    if (spread > 0.0) sbl_mirrored_begin(origin, frame[2]);
+    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
 #endif
-    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;
+    int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;
+    int end = no_light && number > 0 || outside ? 0 : rays;
     float every = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
-    sbl_lobe_begin(look, frame[2]);
+    sbl_lobe_begin(look, normal);
     if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
-        end = SBL_MIRROR_RAYS;
+        end = min(end, SBL_MIRROR_RAYS);
         every = float(rays) / float(SBL_MIRROR_RAYS);
     }
 #endif
 
-    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
 #ifdef SBL_GROUPS
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);
 #endif
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
     vec4 even = vec4(0);
-    vec3 way = vec3(0);   // direction of the ray
-    float weight = 0.0;   // weight of the ray
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
+#ifdef SBL_POOLED
+    int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;
+    if (mine < SBL_SEGMENTS) pool_counts[mine] = 0;
+    if (mine == 0) pool_lost = 0;
+    pool_steps[mine] = 0;
+    memoryBarrierShared();
+    barrier();
+    for (int i = part << paired; i < end; i = (part + (all >> paired) * parts << paired) + (all & paired)) {
+        int ray = first + all++;
+        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
+        for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);
+        sbl_Hit hit;
+        sbl_Material material;
+        bool goes_on = sbl_begin(look, every);
+        sum.rgb = vec3(0);
+        if (goes_on) goes_on = sbl_follow(0, hit, material);
+        pool_terms[SBL_TERMS * ray] = sum.rgb;
+        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));
+    }
+    for (int segment = 1; segment < SBL_SEGMENTS; segment++) {
+        memoryBarrierShared();
+        barrier();
+        int filled = pool_counts[segment - 1];
+        for (int j = mine; j < filled; j += SBL_LOCKSTEP) sbl_take((segment - 1) * SBL_POOL + j, segment);
+    }
+    if (sbl_cut_short()) pool_lost = 1;
+    memoryBarrierShared();
+    barrier();
+    sum.rgb = vec3(0);
+    for (int k = 0; k < all; k++) {
+        vec3 before = sum.rgb;
+        for (int term = 0; term < SBL_TERMS; term++) sum.rgb += pool_terms[SBL_TERMS * (first + k) + term];
+        float light = dot(sum.rgb - before, SBL_LUMINANCE);
+        if ((k & 1) == 1) squares += (light - other) * (light - other);
+        other = light;
+    }
+    sbl_steps += pool_steps[mine];
+    if (outside) return;
+#else
     for (int k = 0, i = part << paired; i < end;
          k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
         vec3 before = sum.rgb;
-        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
-        vec2 u = sbl_unit_square(fraction);
-        weight = every;
-#ifdef SBL_SPECULAR
-        ray_density = 0.0;
-#endif
-#ifdef SBL_SEES_MIRRORED
-        bool to_mirrored = !scouts && u.x < mirrored_rays;
-        float others = scouts ? 0.0 : mirrored_rays;
-        u.x = to_mirrored ? u.x / mirrored_rays : (u.x - others) / (1.0 - others);
-        vec2 u_mirrored = u;
-#endif
-#ifdef SBL_GUIDED
-        weight = sbl_guide(guide, u);
-#endif
-        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin;
-#ifdef SBL_SEES_MIRRORED
-        for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {
-            direction = sbl_mirrored_sample(u_mirrored);
-            u = sbl_by_cosine_inverse(direction * frame);
-#ifdef SBL_GUIDED
-            weight = 1.0 / max(sbl_guide_density(guide, u), SBL_DIVISOR_LEAST);
-#endif
-        }
-        for (int once = 0; once < (mirrored_rays > 0.0 ? 1 : 0); once++) {
-            float cosine = max(dot(direction, frame[2]), 0.0);
-            float mirrored = mirrored_rays * sbl_mirrored_density(direction);
-            float density = mirrored + (1.0 - mirrored_rays) * cosine / (SBL_PI * weight);
-            weight = cosine / (SBL_PI * max(density, SBL_DIVISOR_LEAST));
-            chance_least = mirrored / max(density, SBL_DIVISOR_LEAST);
-        }
-#endif
-        vec3 throughput = vec3(weight);
-#ifdef SBL_LOBE
-        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
-        throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
-        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
-        glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
-#endif
-        way = direction;
-        float limit = ray_length;
+        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
         // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
         // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
         // each iteration.
-        int segments = SBL_SEGMENTS;
-#ifdef SBL_LOBE
-        bool is_below = max(throughput.r, max(throughput.g, throughput.b)) <= 0.0;  // the horizon
-        if (is_below) segments = 0;
-#endif
-#ifdef SBL_SEES_MIRRORED
-        if (weight <= 0.0) segments = 0;  // below the horizon
-#endif
+        int segments = sbl_begin(look, every) ? SBL_SEGMENTS : 0;
         for (int segment = 0; segment < segments; segment++) {
-            sbl_Hit hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
-            throughput *= sbl_tint;
-            if (hit.triangle < 0) {
-#ifdef SBL_SPECULAR
-                sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
-#endif
-                vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);
-                sum.rgb += seen_sky;
-                sbl_add_layer(sky_layer, seen_sky);
-                break;
-            }
-            bool goes_on;
+            sbl_Hit hit;
             sbl_Material material;
-#ifdef SBL_SPECULAR
-            lamp_mis = 0.0;
-            if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));
-#endif
-            vec3 position = from + direction * hit.distance;
-#ifdef SBL_GROUPS
-            carried = throughput;
-#endif
-#ifdef SBL_SPECULAR
-            arriving = direction;
-#endif
-            sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
-                                                 material);
+            bool goes_on = sbl_follow(segment, hit, material);
 #ifdef SBL_SPECULAR
             chance_least = 0.0;
 #endif
-            if (segment == 0) {
-                sum.a += hit.back ? weight : 0.0;
-                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
-                hits.z = min(hits.z, hit.distance);
-            }
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            sbl_Reflection next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(2 * segment)));
-            from = next.from;
-            sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
-            if (between.triangle < 0 || between.number == next.number) {
-                sum.rgb += throughput * sbl_tint * next.light;
-                sbl_add_layer(next.layer, throughput * sbl_tint * next.light);
-            }
-            throughput *= next.throughput;
-            direction = next.direction;
-#ifdef SBL_SPECULAR
-            ray_density = next.density;
-#endif
-            limit = SBL_UNBOUNDED;
-            if (max(throughput.r, max(throughput.g, throughput.b)) <= 0.0) break;
+            uint hash = sbl_ray_hash(scramble, skip + i);
+            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;
 #endif
         }
-        vec4 to_harmonics = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
+        vec4 to_harmonics = sbl_harmonics(way, normal, sbl_stratum_reciprocal(u.x));
         harmonics += outerProduct(to_harmonics, sum.rgb - before);
         even -= weight * to_harmonics;
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;
     }
+#endif
     if (counts_steps) hits.y = float(sbl_steps);
     vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);
     if (paired == 0) sum.a = weight;
     sbl_write(out_sum, sum / float(rays));
-    if (sbl_cut_short()) hits.z = SBL_LOST;
+    bool lost = sbl_cut_short();
+#ifdef SBL_POOLED
+    lost = lost || pool_lost > 0;
+#endif
+    if (lost) hits.z = SBL_LOST;
     hits = vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays));
     sbl_write(out_hits, paired == 0 ? inspected : hits);
     harmonics /= float(rays);
@@ -284,6 +428,6 @@ void main() {
     sbl_write_layers(layers);
 #endif
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));
+    sbl_write(out_even, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));
 #endif
 }

@@ -236,6 +236,44 @@ TEST(the_picture_is_the_same) {
     }
 }
 
+/* Compute shaders on llvmpipe share the rays that go on from metal, gloss and near hits; fragment shaders do not. R,
+   the light in lobes, and the number of steps of all rays have the same bits. */
+TEST(shared_rays_find_the_same_light) {
+    enum { SIDE = 32, FLOATS = SIDE * SIDE * 3 };
+    static const sbl_channel channels[3] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_SPECULAR, SBL_CHANNEL_WORK };
+    static float shared[3][FLOATS], alone[3][FLOATS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 60, 0.3f, 1.1f, 2.6f, 0, 0.4f, 0);
+    test_scene room = { 0 };
+    int i, k, metal;
+    dark_room_make(&room);
+    room.materials[0].ior = 1.5f;
+    room.materials[0].roughness = 0.3f;
+    metal = scene_material(&room, 0.9f, 0.8f, 0.5f);
+    room.materials[metal].metallic = 1;
+    room.materials[metal].roughness = 0.2f;
+    scene_sphere(&room, metal, -0.4f, 0.5f, 0.2f, 0.5f, 24, 12, 1);
+    scene_quad(&room, scene_lamp(&room, 2, 2, 2), 0.6f, 0.9f, -0.2f, 0.6f, 0.9f, 0.2f, 0.8f, 0.7f, 0.2f, 0.8f, 0.7f,
+               -0.2f);
+    view.target_error = 0.04f;
+    view.measure_work = view.samples = 1;
+    for (i = 0; i < 2; i++) {
+        sbl_context *context;
+        desc.disabled = i ? (uint32_t)SBL_CAPABILITY_COMPUTE : 0;
+        context = watch_context(&seen, &desc, &room);
+        REQUIRE(context && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        if (!strstr(sbl_query_capabilities(context).renderer, "llvmpipe")) SKIP("the driver is not llvmpipe");
+        CHECK(context->picture.map.spec.guided, "rays are not guided");
+        for (k = 0; k < 3; k++)
+            REQUIRE(sbl_read_channel(context, channels[k], i ? alone[k] : shared[k], k < 2 ? FLOATS : FLOATS / 3) ==
+                    SBL_SUCCESS, "no channel");
+        sbl_destroy(context);
+    }
+    for (k = 0; k < 3; k++)
+        CHECK(memcmp(shared[k], alone[k], sizeof alone[k]) == 0, "channel %d is different", (int)channels[k]);
+    scene_free(&room);
+}
+
 /* A target error of 4 % takes few rays with guides; without them it would take five times as many. A scene with uniform
    light has no guides. */
 TEST(guides_save_rays) {
@@ -789,6 +827,7 @@ int main(void) {
     RUN(scouts_serve_near_windows);
     RUN(windows_compose_what_they_show);
     RUN(pictures_take_the_rays_they_are_given);
+    RUN_PLAIN(shared_rays_find_the_same_light);
     RUN(memory_runs_out);
     scene_free(&dark_room);
     return test_report();
