@@ -403,8 +403,8 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x35a4b11249e219dcu,  /* glossy_picture */
-    0x2758aaf293e2390fu,  /* glossy_window */
+    0x6f4aaa6ab5271b93u,  /* glossy_picture */
+    0x60edd398e7c591cau,  /* glossy_window */
     0x2a30e416d6f0f8a7u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
     0x9df221481dba488fu,  /* glossy_rasterised */
