@@ -14282,6 +14282,7 @@ static const char *const sbl__glsl_trace[] = {
 "    pool_terms[term] = sum.rgb;\n",
 "    if (goes_on) sbl_pool(segment, hit, ray, hash);\n",
 "    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);\n",
+"    sbl_steps = steps;  // they count for the owner of the ray alone\n",
 "}\n",
 "#endif\n",
 "\n",

@@ -305,6 +305,7 @@ void sbl_take(int at, int segment) {
     pool_terms[term] = sum.rgb;
     if (goes_on) sbl_pool(segment, hit, ray, hash);
     atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);
+    sbl_steps = steps;  // they count for the owner of the ray alone
 }
 #endif
 
