@@ -444,8 +444,8 @@
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.5 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 1.8 % of the
-   mean. On a software renderer, the box takes three to four times as long as with matte materials, mostly because R is
-   harder to measure where metal lights the walls, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
+   mean. On a software renderer, the box takes three times as long as with matte materials, mostly because rays that go
+   on from metal take longer, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
    Rooms with mirrors, panes and a bright bulb can take 30 times as long.
 
    Accuracy of the prediction: in eight random rooms with metal and gloss, the predicted error of FINAL is 0.8 to 1.1
