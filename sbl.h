@@ -3605,9 +3605,10 @@ enum {
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
     SBL__NORMAL_MAPS = 1 << 15, /* some materials have a normal map */
     SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels show are slightly rough: samples blur them */
-    SBL__FEATURES = 17,
-    SBL__GROUPS_SHIFT = 17,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
-    SBL__GROUPS = 15 << 17      /* mask of the bits that hold the number of light groups */
+    SBL__POOLED = 1 << 17,      /* the invocations of a workgroup share the rays that go on, see trace.glsl */
+    SBL__FEATURES = 18,
+    SBL__GROUPS_SHIFT = 18,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
+    SBL__GROUPS = 15 << 18      /* mask of the bits that hold the number of light groups */
 };
 
 #define SBL__SHADERS_MOST 15  /* maximum number of files, and of records, of a recipe */
@@ -3715,7 +3716,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE", "NORMAL_MAPS", "MIRRORS_BLUR"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE", "NORMAL_MAPS", "MIRRORS_BLUR", "POOLED"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -13697,9 +13698,9 @@ typedef struct sbl__trace {
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that go on, see SBL_POOLED there. Each then
-   gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but get as many, so that
-   their sums have the same bits. */
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that go on (SBL__POOLED). Each invocation
+   then gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but they also get as
+   many, so that their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
     const unsigned features = sbl__features_of(scene, spec), wanted = SBL__SPECULAR | SBL__BOUNCED;
     return (features & wanted) == wanted && (features & (SBL__GUIDED | SBL__LOBE)) && d->workgroup == SBL__LOCKSTEP &&
@@ -13989,12 +13990,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
-"// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on. The\n",
-"// conditions must suit sbl__trace_pools in sbl.h\n",
-"#if defined(SBL_SPECULAR) && defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP && \\\n",
-"    (defined(SBL_GUIDED) || defined(SBL_LOBE)) && !defined(SBL_DIRECTIONAL) && !defined(SBL_GROUPS)\n",
-"#define SBL_POOLED\n",
-"#endif\n",
+"// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -14103,8 +14099,8 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "// The ray that is traced, and sums over the rays of the invocation\n",
-"vec3 from, direction, throughput;     // of the current segment\n",
-"float limit;                          // maximum length of the current segment\n",
+"vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced\n",
+"float limit;                          // the segment ends at this length\n",
 "vec3 way = vec3(0);                   // direction of the first segment\n",
 "vec2 u;                               // point of the unit square that gives this direction\n",
 "float weight = 0.0;                   // weight of the ray\n",
@@ -14228,13 +14224,14 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_POOLED\n",
 "// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the\n",
-"// long code of sbl_go_on, even if only one ray goes on or none. Rays that go on are therefore collected in a pool,\n",
-"// from which the invocations take them, so that each execution serves a full vector. One pool holds rays at their\n",
-"// first hit, another those at their second. The light of each segment of each ray is kept: the invocation that\n",
-"// owns a ray adds it in the same order as without pools, so that sums have the same bits.\n",
+"// long code of sbl_go_on if one ray goes on, and even if none does. The rays that go on are therefore collected in\n",
+"// a pool. The invocations take rays from it, so that each execution of the code serves a full vector. One pool\n",
+"// holds rays at their first hit, another holds rays at their second. The terms of the light of each ray are kept:\n",
+"// the invocation that owns the ray adds them in the same order as without pools, so that sums have the same bits.\n",
 "const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup\n",
-"const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // terms of a ray's light: that of its first segment and, for each\n",
-"                                             // hit where it goes on, of the lamp and of the next segment\n",
+"// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray goes on adds\n",
+"// two: one is the light of a lamp, and the next segment finds the other.\n",
+"const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;\n",
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
 "shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
@@ -14540,14 +14537,16 @@ static const sbl__recipe sbl__recipe_trace = {
       &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record,
       &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record, &sbl__mirrored_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL |
-    SBL__SPECULAR | SBL__LOBE | SBL__GROUPS
+    SBL__SPECULAR | SBL__LOBE | SBL__POOLED | SBL__GROUPS
 };
 
 /* Traces the rays of a batch. Its looks must be in b->table. stuck: 1: each look traces only one ray, along its normal.
    paired: 1: an invocation traces pairs of rays, to measure the variance; 0: it traces a single ray and reports it, for
    inspections, see trace.glsl */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
+    const int pooled = d->features & SBL__COMPUTE && sbl__trace_pools(d, b->scene, b->spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec) |
+                                       (pooled ? (unsigned)SBL__POOLED : 0));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
     if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: paths add the light of glows where
@@ -15676,9 +15675,6 @@ static const char *const sbl__glsl_cast[] = {
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl\n",
-"#if defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP\n",
-"#define SBL_POOLED\n",
-"#endif\n",
 "#ifdef SBL_COMPUTE\n",
 "#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)\n",
 "#else\n",
@@ -15848,18 +15844,24 @@ static const sbl__recipe sbl__recipe_cast_metal = {
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
       &sbl__glow_record, &sbl__cast_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR | SBL__BOUNCED | SBL__GROUPS
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR | SBL__BOUNCED | SBL__POOLED | SBL__GROUPS
 };
 
 /* Returns 1 if rays that fill the store may hit metal. */
 static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
 
+/* Returns SBL__POOLED if the invocations of a workgroup of cast.glsl share the rays that go on, otherwise 0. */
+static unsigned sbl__cast_pools(const sbl__device *d, const sbl__scene *scene) {
+    return sbl__cast_has_metal(scene) && d->features & SBL__COMPUTE && d->workgroup == SBL__LOCKSTEP ? SBL__POOLED : 0;
+}
+
 /* Makes the program that casts rays the current one. */
 static sbl_result sbl__cast_use(sbl__device *d, const sbl__scene *scene) {
     const int metal = sbl__cast_has_metal(scene);
     const unsigned groups = (unsigned)scene->light_groups << SBL__GROUPS_SHIFT;
-    const sbl_result result = metal ? sbl__use(d, &sbl__recipe_cast_metal, scene->features | SBL__BOUNCED | groups)
-                                    : sbl__use(d, &sbl__recipe_cast, scene->features);
+    const unsigned features = scene->features | sbl__cast_pools(d, scene);
+    const sbl_result result = metal ? sbl__use(d, &sbl__recipe_cast_metal, features | SBL__BOUNCED | groups)
+                                    : sbl__use(d, &sbl__recipe_cast, features);
     if (result != SBL_SUCCESS || !metal) return result;
     sbl__environment_bind(d, &scene->environment);
     sbl__lamps_bind(d, &scene->lamps);
@@ -15893,7 +15895,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     sbl__set_int(d, "columns", SBL__CAST_COLUMNS);
     sbl__set_int(d, "first_slot", 0);
     sbl__set_int(d, "count", count);
-    if (sbl__cast_has_metal(scene) && d->workgroup == SBL__LOCKSTEP)
+    if (sbl__cast_pools(d, scene))
         invocations = (count + SBL__CAST_POOL - 1) / SBL__CAST_POOL * SBL__LOCKSTEP;
     sbl__invoke(d, &b->blocks.target, 0, (count + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS, invocations);
     return sbl__gl_check(&d->gl);
@@ -25347,7 +25349,7 @@ static void sbl__context_free(sbl_context *c) {
 
 /* Compiles programs before the first use, for compile_ahead. Leaves out sbl__recipe_cast_metal, and the variants of
    other programs with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE, SBL__SPECULAR, SBL__LOBE, SBL__NORMAL_MAPS,
-   SBL__MIRRORS_BLUR or light groups. */
+   SBL__MIRRORS_BLUR, SBL__POOLED or light groups. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

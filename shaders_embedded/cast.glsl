@@ -6,9 +6,6 @@ SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
 // SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl
-#if defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP
-#define SBL_POOLED
-#endif
 #ifdef SBL_COMPUTE
 #define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)
 #else

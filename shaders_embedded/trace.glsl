@@ -12,12 +12,7 @@ uniform bool no_light;                // true: rays cannot find light, so only a
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
-// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on. The
-// conditions must suit sbl__trace_pools in sbl.h
-#if defined(SBL_SPECULAR) && defined(SBL_BOUNCED) && defined(SBL_COMPUTE) && SBL_WORKGROUP == SBL_LOCKSTEP && \
-    (defined(SBL_GUIDED) || defined(SBL_LOBE)) && !defined(SBL_DIRECTIONAL) && !defined(SBL_GROUPS)
-#define SBL_POOLED
-#endif
+// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
@@ -126,8 +121,8 @@ const int SBL_SEGMENTS = 1;
 #endif
 
 // The ray that is traced, and sums over the rays of the invocation
-vec3 from, direction, throughput;     // of the current segment
-float limit;                          // maximum length of the current segment
+vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced
+float limit;                          // the segment ends at this length
 vec3 way = vec3(0);                   // direction of the first segment
 vec2 u;                               // point of the unit square that gives this direction
 float weight = 0.0;                   // weight of the ray
@@ -251,13 +246,14 @@ bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
 
 #ifdef SBL_POOLED
 // On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the
-// long code of sbl_go_on, even if only one ray goes on or none. Rays that go on are therefore collected in a pool,
-// from which the invocations take them, so that each execution serves a full vector. One pool holds rays at their
-// first hit, another those at their second. The light of each segment of each ray is kept: the invocation that
-// owns a ray adds it in the same order as without pools, so that sums have the same bits.
+// long code of sbl_go_on if one ray goes on, and even if none does. The rays that go on are therefore collected in
+// a pool. The invocations take rays from it, so that each execution of the code serves a full vector. One pool
+// holds rays at their first hit, another holds rays at their second. The terms of the light of each ray are kept:
+// the invocation that owns the ray adds them in the same order as without pools, so that sums have the same bits.
 const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup
-const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;  // terms of a ray's light: that of its first segment and, for each
-                                             // hit where it goes on, of the lamp and of the next segment
+// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray goes on adds
+// two: one is the light of a lamp, and the next segment finds the other.
+const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;
 shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool
 shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
 shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2

@@ -109,8 +109,9 @@ static int places_choose(int first) {
     return places.count;
 }
 
-/* Counts a tested place, by its index in places.numbers. hit: 1 if the fault happened. Some places of the recorded run
-   may be missing later, because the time that work takes decides how it is divided. */
+/* Counts a place that was tested, and checks the counts after the last place. index: of the place in places.numbers;
+   hit: 1 if the fault happened there. A later run may have fewer places than the recorded run, because the library
+   divides its work by the time that the work takes. */
 static void place_tested(int index, int hit) {
     places.hits += hit;
     if (index < places.chosen) return;

@@ -396,6 +396,17 @@ TEST(seams_keep_light_positive) {
     sbl__solver_free(&base, &seams.solver);
 }
 
+/* Makes a refinement of side x side pixels, for parts that need no more than pixels and sensors. */
+static void small_refine(sbl__refine *r, sbl__pixel *pixels, sbl__sensor **block, int side) {
+    int i;
+    memset(r, 0, sizeof *r);
+    r->shown2 = 1;
+    r->pixels = pixels;
+    r->sensors = block;
+    r->width = r->height = side;
+    for (i = 0; i < SBL__DOUBLINGS; i++) r->variance_shares[i] = 1;
+}
+
 /* Every fourth of 9 x 9 pixels has a sensor. The light is linear, but the last corner of the last tile shows another
    surface. Light is extrapolated to this corner from the adjacent corners and from the sensors beyond these corners; it
    stays linear in the complete tile. The light of an adjacent corner is copied if no sensor is beyond it. */
@@ -407,14 +418,9 @@ TEST(light_is_linear_beside_silhouettes) {
     sbl__refine r;
     sbl__tile tile;
     int i, k, missing;
-    memset(&r, 0, sizeof r);
-    r.shown2 = 1;
-    memset(&tile, 0, sizeof tile);
-    r.pixels = pixels;
-    r.sensors = &block;
-    r.width = r.height = SIDE;
+    small_refine(&r, pixels, &block, SIDE);
     r.geometry_aware = 1;
-    for (k = 0; k < SBL__DOUBLINGS; k++) r.variance_shares[k] = 1;
+    memset(&tile, 0, sizeof tile);
     for (k = 0; k < 2; k++) {
         tile.area.x[k] = 4 + 4 * k;
         tile.area.y[k] = 4 + 4 * k;
@@ -531,13 +537,9 @@ TEST(sensors_of_other_surfaces_split_no_tile) {
     sbl__refine r;
     sbl__tile tile;
     int i;
-    memset(&r, 0, sizeof r);
-    memset(&tile, 0, sizeof tile);
-    r.pixels = pixels;
-    r.sensors = &block;
-    r.width = r.height = SIDE;
+    small_refine(&r, pixels, &block, SIDE);
     r.threshold = 1;
-    for (i = 0; i < SBL__DOUBLINGS; i++) r.variance_shares[i] = 1;
+    memset(&tile, 0, sizeof tile);
     tile.area.x[1] = tile.area.y[1] = SIDE - 1;
     for (i = 0; i < SIDE * SIDE; i++) {
         pixels[i].id = 1;
