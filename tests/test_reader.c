@@ -1284,8 +1284,8 @@ TEST(names_of_buffers) {
     }
 }
 
-/* The reader gives the rotations of nodes length 1, so that they do not scale the nodes. A rotation causes a warning only
-   if its length differs much from 1. The new JSON of the .glb is longer than the whole file was, but the reader still
+/* The reader gives the rotations of nodes length 1, so that they do not scale the nodes. It warns only of rotations
+   whose length differs much from 1. The new JSON of the .glb is longer than the whole file was, but the reader still
    finds the buffer. */
 TEST(rotations_do_not_scale) {
     static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 };
