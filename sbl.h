@@ -3344,7 +3344,7 @@ typedef struct sbl__target { unsigned id; int width, height, count; unsigned tex
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 1280  /* capacity for compiled programs: at least the number of variants of all recipes
+#define SBL__PROGRAMS_MOST 1408  /* capacity for compiled programs: at least the number of variants of all recipes
                                     together, which test_steps.c counts */
 
 typedef struct sbl__device {

@@ -452,8 +452,8 @@ TEST(programs_have_room) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor,
             &sbl__recipe_sky,
-        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter,
-            &sbl__recipe_resolve };
+        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast,
+            &sbl__recipe_cast_metal, &sbl__recipe_filter, &sbl__recipe_resolve };
     int i, k, all = 0;
     for (i = 0; i < SBL__COUNT(recipes); i++) {
         int variants = 1;
