@@ -87,7 +87,7 @@ int main(int argc, char **argv) {
     static float picture[WIDTH * HEIGHT * 3];
     static unsigned char pixels[WIDTH * HEIGHT * 3];
     sbl_scene_desc scene = { .meshes = meshes, .materials = materials, .material_count = MATERIALS };
-    const int width = argc > 2 ? WIDTH / 2 : WIDTH, height = argc > 2 ? HEIGHT / 2 : HEIGHT;
+    const int width = argc > 2 ? WIDTH / 3 : WIDTH, height = argc > 2 ? HEIGHT / 3 : HEIGHT;
     const size_t count = (size_t)(3 * width * height);
     sbl_picture_desc view = { .width = width, .height = height, .tone = SBL_TONE_NEUTRAL, .auto_exposure = 1 };
     sbl_context *context;

@@ -60,7 +60,7 @@ against() {
 against direct_light_at_every_pixel cornell_box direct 1 0.007 0.0005 --tile 1 --rays 256 --filter-radius 0
 against direct_light_default_settings cornell_box direct 1 0.0155 0.001
 against direct_light_half_a_percent cornell_box direct 1 0.0085 0.001 --error 0.5%
-against direct_light_rasterised cornell_box direct 1 0.0085 0.001 --backend raster --tile 1 --rays 256 --sensor-size 128
+against direct_light_rasterised cornell_box direct 1 0.014 0.0015 --backend raster --sensor-size 64
 against ambient_light_default_settings cornell_box ambient 1 0.018 0.001
 against many_lamps staircase2 direct 4 0.012 0.0015
 against windows living-room direct 4 0.07 0.004

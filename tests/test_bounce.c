@@ -599,7 +599,7 @@ TEST(light_is_neither_made_nor_lost) {
         add_sites_in_box(0, 0, 0, 3, 2, 2.2, 14);
         walls = site_count;
         if (kind == AREA_LIGHT) { add_sites(corner, u, v, 6); add_sites(corner, v, u, 6); }
-        if (!use_scene(&s, 49152) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) { scene_free(&s); return; }
+        if (!use_scene(&s, 12288) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) { scene_free(&s); return; }
         for (k = 0; k < 3; k++) {
             double absorbed = 0;
             for (i = 0; i < site_count; i++)
@@ -655,7 +655,7 @@ static void follow_path(int face, uint32_t *state, double light[3]) {
 
 /* The mean of R on each face agrees with 200,000 random paths per face within 1 %. */
 TEST(a_cube_by_paths) {
-    enum { PATHS = 200000, SIDE = 14 };
+    enum { PATHS = 100000, SIDE = 14 };
     test_scene s = { 0 };
     static const int faces[6] = { 0, 1, 2, 3, 4, 5 };  /* the face of each quad of scene_box */
     double worst = 0;
@@ -703,7 +703,7 @@ static int read_halves(const test_scene *s, double means[2][3]) {
     int i, k;
     site_count = 0;
     for (i = 0; i < 128; i++) add_site(0.1 + 0.1 * (i % 8), 0, (i < 64 ? 0.05 : 0.55) + 0.05 * (i / 8 % 8), 0, 1, 0, 1);
-    if (!use_scene(s, 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) return 0;
+    if (!use_scene(s, 4096) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) return 0;
     for (i = 0; i < 2; i++) for (k = 0; k < 3; k++) means[i][k] = mean_of(64 * i, 64 * i + 64, k);
     return 1;
 }
@@ -1807,7 +1807,7 @@ int main(void) {
     RUN_PLAIN(furnaces);
     RUN_PLAIN(a_furnace_in_a_large_scene);
     RUN(furnace_under_the_sky);
-    RUN(furnace_of_a_texture);
+    RUN_UNSANITIZED(furnace_of_a_texture);
     RUN(a_wall_in_the_light_of_a_picture);
     RUN(albedo_of_one);
     RUN_PLAIN(light_is_neither_made_nor_lost);
@@ -1821,7 +1821,7 @@ int main(void) {
     RUN_PLAIN(bright_leaves_get_more_points);
     RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
-    RUN(a_crowd_of_boxes);
+    RUN_UNSANITIZED(a_crowd_of_boxes);
     RUN_PLAIN(more_sides_than_samples);
     RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);

@@ -447,7 +447,7 @@ TEST(past_buffer_textures) {
     crowd_make(&crowd, 80, 80);
     scene = scene_desc(&crowd);
     desc.get_gl_function = fake_proc;
-    view.tile = 32;
+    view.tile = 64;
     view.options.sensor_size = 8;
     view.threshold = 1e9f;  /* few sensors with one view each */
     if (backend == SBL_BACKEND_RASTER) view.sensor_kind = SBL_SENSOR_SINGLE;

@@ -292,7 +292,7 @@ TEST(of_looks_between_near_plates) {
     int i;
     memset(&k, 0, sizeof k);
     plates(&k);
-    k.view.options.rays = 4096;
+    k.view.options.rays = 2048;
     if (scene_render(context, &k.scene, &k.view)) {
         float *truth = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE), *light;
         double squares = 0, mean = 0, off, predicted, stored;

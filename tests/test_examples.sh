@@ -107,7 +107,7 @@ plain_check lights_penumbra
 # >>reflections, with the preset draft, since only the program is tested
 
 reflections_run() {
-    run reflections reflections draft && look varied reflections/reflections.png 180 120 &&
+    run reflections reflections draft && look varied reflections/reflections.png 120 80 &&
         awk '/predicted error/ { ok = $4 > 0.5 && $4 < 6 && $7 > 0.1 && $7 < 20 } END { exit !ok }' \
             "$folder/reflections/said"
 }
@@ -259,7 +259,7 @@ bench_rooms() {
     python3 - "$folder/bench.json" << 'END'
 import json, sys
 scenes = json.load(open(sys.argv[1]))["trace"]["scenes"]
-assert [round(s["triangles"], -2) for s in scenes] == [0, 1000, 32800], "triangles of the rooms"
+assert [round(s["triangles"], -2) for s in scenes] == [0, 1000], "triangles of the rooms"
 for s in scenes:
     rays, views = [w for w in s["ways"] if "rays" in w], [w for w in s["ways"] if "texels" in w]
     assert s["sensors"] > 1000 and s["bvh_bytes"] > 0 and s["growth"] > 0, "the scene"

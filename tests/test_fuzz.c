@@ -40,7 +40,7 @@ TEST(random_bytes) {
     uint32_t state = 12345;
     int round, i;
     memset(&fuzz_counts, 0, sizeof fuzz_counts);
-    for (round = 0; round < 80; round++) {
+    for (round = 0; round < 48; round++) {
         const int size = 8 + round * 37 % 500, before = fuzz_failures;
         for (i = 0; i < size; i++) {
             state = state * 1664525u + 1013904223u;
@@ -50,10 +50,10 @@ TEST(random_bytes) {
         fuzz_one(input, (size_t)size);
         CHECK(fuzz_failures == before, "round %d: see above", round);
     }
-    CHECK(fuzz_counts.accepted > 55 && fuzz_counts.refused > 55, "%d calls accepted, %d refused: too few of one kind",
+    CHECK(fuzz_counts.accepted > 33 && fuzz_counts.refused > 33, "%d calls accepted, %d refused: too few of one kind",
           fuzz_counts.accepted, fuzz_counts.refused);
 
-    CHECK(fuzz_counts.pictures > 7 && fuzz_counts.gathers > 7, "%d pictures, %d gathers finished",
+    CHECK(fuzz_counts.pictures > 4 && fuzz_counts.gathers > 3, "%d pictures, %d gathers finished",
           fuzz_counts.pictures, fuzz_counts.gathers);
 }
 
@@ -62,7 +62,7 @@ TEST(random_bakes) {
     uint32_t state = 777;
     int round, i;
     memset(&fuzz_counts, 0, sizeof fuzz_counts);
-    for (round = 0; round < 30; round++) {
+    for (round = 0; round < 18; round++) {
         const int before = fuzz_failures;
         for (i = 0; i < 400; i++) {
             state = state * 1664525u + 1013904223u;
@@ -74,7 +74,7 @@ TEST(random_bakes) {
         fuzz_one(input, 400);
         CHECK(fuzz_failures == before, "round %d: see above", round);
     }
-    CHECK(fuzz_counts.accepted > 75 && fuzz_counts.refused > 75 && fuzz_counts.bakes > 15,
+    CHECK(fuzz_counts.accepted > 45 && fuzz_counts.refused > 45 && fuzz_counts.bakes > 8,
           "%d calls accepted, %d refused, %d bakes finished",
           fuzz_counts.accepted, fuzz_counts.refused, fuzz_counts.bakes);
 }

@@ -26,7 +26,7 @@ static sbl_reading reading_at(sbl_site site, int rays) {
 
 /* >>comparison with pictures */
 
-enum { WIDTH = 32, HEIGHT = 24, PIXELS = WIDTH * HEIGHT };
+enum { WIDTH = 20, HEIGHT = 15, PIXELS = WIDTH * HEIGHT };
 
 static sbl_picture_desc every_pixel(sbl_mode mode, sbl_backend backend) {
     sbl_picture_desc view = scene_plain(scene_cornell_view(WIDTH, HEIGHT), mode, 16);

@@ -766,14 +766,14 @@ TEST(memory_runs_out) {
     int at, refused = 0;
     view.target_error = 0.08f;
     REQUIRE(render(context, &view, expected), "no picture: %s", watch_last(&seen));
-    for (at = 1; at < 600; at += 1 + at / 16) {
+    for (at = 1; at < 600; at += 1 + at / 6) {
         sbl_result result;
         watch_refuse(&seen, at);
         result = sbl_render_picture(context, &view);
         if (!watch_refused(&seen, at, result)) break;
         refused++;
     }
-    CHECK(refused > 20 && at < 600, "%d allocations were refused", refused);
+    CHECK(refused > 10 && at < 600, "%d allocations were refused", refused);
     CHECK(render(context, &view, now) && memcmp(now, expected, sizeof now) == 0, "the next picture differs");
     sbl_destroy(context);
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",

@@ -566,7 +566,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
 
 /* An opaque edge moves across a lamp in steps. With one look per sensor and no filter, the RMS error is at most 1.2 %
    of the unoccluded light, and the error of a pixel changes by at most 4 % from one step to the next. */
-TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 100, 0.012, 0.04); }
+TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 50, 0.012, 0.04); }
 /* With default settings, the RMS error is at most 0.16 %, and a step changes the error by at most 1.45 %. */
 TEST(half_covered_default_settings) {
     half_covered(SBL_BACKEND_AUTO, 0, 10, 0.0016, 0.0145);
@@ -585,7 +585,7 @@ TEST(half_covered_noise_is_known) {
         view.options.rays = 64;
         add_floor(&s);
         add_lamp(&s, kinds[i], v3_of(0, 1, 0), kinds[i] == SUN ? sin(5 * REF_PI / 180) : 0.4);
-        known = sweep(kind_names[kinds[i]], &s, 0.9 * reach, view, 100, 0.04, 0.2);
+        known = sweep(kind_names[kinds[i]], &s, 0.9 * reach, view, 60, 0.04, 0.2);
         CHECK(known > 0.8 && known < 1.25, "%s: the predicted error is %.2f times the true one", kind_names[kinds[i]],
               known);
         scene_free(&s);
@@ -593,7 +593,7 @@ TEST(half_covered_noise_is_known) {
 }
 
 /* With rasterised sensors, the RMS error is also at most 1.2 %, and a step changes the error by at most 4 %. */
-TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
+TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 25, 0.012, 0.04); }
 
 /* >>textures */
 

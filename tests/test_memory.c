@@ -166,7 +166,7 @@ TEST(a_used_up_budget_is_an_error) {
     scene = scene_desc(&room);
     readings = scene_readings(&site, &reading, 1, SBL_MODE_DIRECT);
     readings.options.backend = SBL_BACKEND_RASTER;
-    for (step = 3e5; step < 2e8 && !context; step *= 1.1) {
+    for (step = 3e5; step < 2e8 && !context; step *= 1.2) {
         sbl_result result;
         sbl_memory m;
         int what = 0;

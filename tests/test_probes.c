@@ -756,13 +756,13 @@ TEST(slices_cancel_and_end) {
     REQUIRE(use_scene(&s), "no scene");
     desc = probes_of(at, whole, MANY);
     desc.options.mode = SBL_MODE_GI;
-    desc.options.rays = 300;
+    desc.options.rays = 120;
     desc.move = 100;
     bake(&desc);
     for (i = 0; i < MANY; i++) moved += apart(whole[i].position, at + 3 * i) > 0;
     CHECK(moved > 5 && moved < MANY / 2, "%d were moved", moved);
     CHECK(sbl_query_stats(context).sensors.sites >= MANY + moved &&
-              sbl_query_stats(context).sensors.rays >= (int64_t)300 * MANY &&
+              sbl_query_stats(context).sensors.rays >= (int64_t)120 * MANY &&
               sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
           "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.sites,
           (int)sbl_query_stats(context).sensors.rays);

@@ -316,7 +316,7 @@ TEST(the_store_is_left_at_any_step) {
     sbl_end(context);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
     blocks = seen.blocks;
-    for (at = 0; at < 100000; at += 2 + 2 * at - (round & 1), round++) {
+    for (at = 0; at < 100000; at += 2 + 4 * at - (round & 1), round++) {
         int done = 0;
         for (what = at ? round % 3 : 0; what < whats; what += at ? 3 : 1) {
             sbl_picture_desc view = bounced_view(), other = bounced_view();
@@ -803,7 +803,7 @@ TEST(inspection_adds_up) {
     for (b = 0; b < 2; b++) {
         sbl_picture_desc view = scene_plain(view_of(SBL_BACKEND_TRACE), SBL_MODE_AMBIENT, b ? 16 : 0);
         REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
-        for (at = 1; at < 60; at += 2) {
+        for (at = 1; at < 60; at += 4) {
             const int x = 20 + 2 * at, y = 10 + (at * 53) % 100;
             static float radiance[4 * 64 * 64], weights[64 * 64];
             double sum[3] = { 0, 0, 0 }, rays[3] = { 0, 0, 0 }, lamps = 0;
@@ -847,7 +847,7 @@ TEST(inspection_adds_up) {
             half += open > 0 && open < sent;
         }
     }
-    CHECK(lit > 20 && half > 1, "%d sensors are lit, %d of them partly", lit, half);
+    CHECK(lit > 10 && half > 0, "%d sensors are lit, %d of them partly", lit, half);
     sbl_destroy(context);
 }
 

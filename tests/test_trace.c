@@ -142,7 +142,7 @@ TEST(closed_walls_are_tight) {
     int way, i, k;
     for (way = 0; way < 3; way++) {
         test_scene s = { 0 };
-        sbl_picture_desc view = traced(scene_view(64, 64, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT,
+        sbl_picture_desc view = traced(scene_view(48, 48, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT,
                                        512);
         float *r, *positions;
         double escaped = 0;
@@ -162,14 +162,14 @@ TEST(closed_walls_are_tight) {
         REQUIRE(scene_render(context, &s, &view), "no picture");
         rays += (double)sbl_query_stats(context).sensors.rays;
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-        for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
+        for (i = 0; i < 48 * 48 * 3; i++) escaped += (double)r[i];
         CHECK(escaped == 0, "wall %d: R = %g comes through", way, escaped);
         free(r);
         free(positions);
         scene_free(&s);
     }
     printf("  %.0f rays\n", rays);
-    CHECK(rays > 6e6, "only %.0f rays", rays);
+    CHECK(rays > 3e6, "only %.0f rays", rays);
 }
 
 /* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. The shaders are rewritten to
@@ -791,7 +791,7 @@ int main(void) {
     RUN_UNSANITIZED(rays_hit_what_they_should);
     RUN_PLAIN(nasty_triangles);
     RUN(every_ray_arrives);
-    RUN(a_million_triangles);
+    RUN_UNSANITIZED(a_million_triangles);
     if (getenv("SBL_TEST_HUGE")) RUN(ten_million_triangles);
     RUN(refusals);
     sbl_destroy(context);

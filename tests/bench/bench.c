@@ -1036,7 +1036,7 @@ static void trace_json(void) {
 
 /* Loads rooms and files. This happens before GL is started, because a child process reads the files. */
 static int trace_load(int quick, char **files, int file_count) {
-    int rooms = quick ? 3 : ROOMS, i;
+    int rooms = quick ? 2 : ROOMS, i;
     trace.places = (place *)calloc(ROOMS + FILES_MOST, sizeof *trace.places);
     if (!trace.places) return fail("out of memory");
     for (i = 0; i < rooms; i++) {
