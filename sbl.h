@@ -3124,8 +3124,8 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
-#define SBL__POLISHED 0.16f            /* metal of lower roughness blurs what it reflects to a pane in front of it:
-                                          anti-aliasing samples take random directions of its lobe */
+#define SBL__POLISHED 0.16f            /* metal of lower roughness looks like a blurred mirror in the reflections of
+                                          panes: anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
@@ -3547,7 +3547,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
-    for (i = count; i < t->count; i++)  /* detaches the rest, because even deleted textures limit the target's size */
+    /* The target's old attachments are detached: even if their textures are deleted, they limit the target's size. */
+    for (i = count; i < t->count; i++)
         gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i,
                                  SBL__GL_TEXTURE_2D, 0, 0);
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
@@ -4221,7 +4222,7 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-/* Sets the log item of the following mistakes, and the object that their messages name, such as "mesh 3". */
+/* Sets the log item of the mistakes that follow, and the object that their messages name, such as "mesh 3". */
 static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
     check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
@@ -5100,9 +5101,9 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   How triangles connect: hash tables that find vertices at equal positions and sides with equal ends, union-find, and
-   values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices and triangles. A
-   side is an edge of one triangle; its index is 3 * triangle + the corner, 0 to 2, at which it begins. */
+   Finds how triangles connect: by hash tables of vertices at equal positions and of sides with equal ends, by
+   union-find, and by values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices
+   and triangles. A side is an edge of one triangle. Its index is 3 * triangle + the corner, 0 to 2, where it begins. */
 
 #define SBL__NONE UINT32_MAX  /* instead of an index: there is none */
 
@@ -5607,8 +5608,9 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
 }
 
 /* ======================================================================================================== >>material
-   How surfaces emit, reflect and transmit light, and where they have holes: this room computes it on the CPU, and
-   material.glsl in shaders, with equal results. Other rooms test only flags, holes, and whether a surface is black. */
+   Computes how surfaces emit, reflect and transmit light, and where they have holes. This room does so on the CPU, and
+   material.glsl does so in shaders, with equal results. Other rooms test only flags, holes, and whether a surface is
+   black. */
 
 /* Returns 1 unless the object is matte. */
 static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; }
@@ -5634,14 +5636,15 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if pixels show what the material mirrors, but it is too rough to be a perfect mirror. Textures count as
-   1. */
+/* Returns 1 if the material is a mirror in which pixels show other surfaces (SBL__MIRROR_SEEN), but is too rough to be
+   a perfect mirror. Assumes that all texels are 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Returns 1 if the material is metal that blurs what it reflects to panes, see SBL__POLISHED. Textures count as 1. */
+/* Returns 1 if the material is metal that looks like a blurred mirror in the reflections of panes, see SBL__POLISHED.
+   Assumes that all texels are 1. */
 static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
@@ -7053,11 +7056,12 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps: emitting triangles, lights, and what is too bright for random rays: texels of the
-   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Directional lights and
-   texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of distant lamps,
-   hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps (lamps.glsl).
-   One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then the glows.
+   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two things that are too bright for
+   random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow). Directional
+   lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of
+   distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps
+   (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then
+   the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
@@ -7126,8 +7130,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_EDGE 0.001          /* from the inner to the outer cone of a spot, 1 - cosine grows by at least this
-                                         fraction of its value at the outer cone */
+#define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: the difference between outer and inner cone, as
+                                         a fraction of the outer cone. Cones are measured as 1 - cosine */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
@@ -7890,8 +7894,8 @@ static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const 
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
    first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
-   ray that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves
-   in which the light varies are divided by further cuts.
+   ray is near if it is shorter than half a cell, and otherwise far. Near and far rays read separate cells. Leaves in
+   which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -8963,7 +8967,8 @@ static uint32_t sbl__side_of_patch(uint32_t patch) {
     return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
 }
 
-/* Comparison function for qsort: orders cells by sbl__side_of_patch, then by patch word, then by coordinates. */
+/* Comparison function for qsort: orders cells by the side of their patch (sbl__side_of_patch), then by their patch word
+   (sbl__patch_word), then by coordinates. */
 static int sbl__bright_order(const void *first, const void *second) {
     const sbl__bright_cell *a = (const sbl__bright_cell *)first, *b = (const sbl__bright_cell *)second;
     const uint32_t x[5] = { sbl__side_of_patch(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
@@ -9707,7 +9712,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>window
-   Where a part of a picture or lightmap, its window, lies in the whole, and which pixels around it are made, too. */
+   A window is a part of a picture or lightmap. This room computes where the window lies in the whole, and which pixels
+   around it are made, too. */
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
    tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
@@ -9792,8 +9798,9 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with rings, if it
-   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
+/* Returns 1 if a tile is refined. The error of at least one of its pixels must count. In a window with rings of tiles,
+   it suffices that the tile is at most its own size away from the window. from, to: upper left and lower right pixels
+   of the tile, x and y */
 static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
     const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
     const int reach = SBL__MAX(w->margin, w->rings ? span + 1 : 0);
@@ -10338,7 +10345,7 @@ static sbl_result sbl__atlas_mark_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if a triangle is narrow above a side. */
+/* Returns 1 if a triangle is narrow: its height above the side is at most twice facet_limit. */
 static int sbl__atlas_is_narrow(const sbl__atlas *a, uint32_t triangle, uint32_t side) {
     const sbl__geometry *g = a->geometry;
     const float *p = g->vertices[g->indices[side]].position;
@@ -10840,8 +10847,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
-"const int SBL_PANES = 56;               // SBL_MIRRORS does not count the first panes, up to this many, but counts\n",
-"                                        // further panes\n",
+"const int SBL_PANES = 56;               // up to this many panes do not count as mirrors (SBL_MIRRORS); further\n",
+"                                        // panes do\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
@@ -11672,9 +11679,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
    In scenes with reflections, much of the noise is light of lamps that surfaces close by reflect, and adjacent pixels
-   see this light in different directions. Guides then stand closer together. A scout counts for the guide of another
-   pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image of the
-   lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
+   see this light in different directions. Guides then stand closer together. The light of a scout is added to the guide
+   of another pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image
+   of the lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
 
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
@@ -11700,7 +11707,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__SCOUTS_AWAY 5         /* a window sends scouts up to this number of half first-level tiles around it */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
-/* A guide for which the scouts of the pixel sbl__guides.scout count */
+/* A guide that receives the light that the scouts of the pixel sbl__guides.scout find */
 typedef struct sbl__receiver {
     const struct sbl__pixel *pixel;  /* the guide's pixel */
     double right[3], up[3];     /* sbl__frame of the pixel's normal */
@@ -11715,10 +11722,10 @@ typedef struct sbl__guides {
     int columns, rows;          /* size of the part of the guides' grid that lies in the working grid */
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     int scouts;                 /* number of scouts per pixel of the grid */
-    int reach;                  /* scouts count for guides up to this number of columns and rows away */
+    int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
     int parallax_aware;         /* 1: a guide near a scout counts its light in another direction than the scout, see
                                    sbl__scout_spread */
-    sbl__receiver *receivers;   /* the guides for which scouts of the pixel `scout` count */
+    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
@@ -12568,7 +12575,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually\n",
 "// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
-"uniform int rays;                     // maximum number of rays per look, without those to rims and point lights\n",
+"uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points\n",
 "uniform float scale;                  // factor from R to the output\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
@@ -13812,7 +13819,7 @@ static const char *const sbl__glsl_reflect[] = {
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
-"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
+"// the light of lamps that mirrors have reflected; otherwise, single rays would show it as specks (Kaplanyan\n",
 "// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
 "// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
 "// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
@@ -14923,8 +14930,8 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts the round of looks of one kind (`lens`). Returns SBL_ERROR_UNSUPPORTED if a texture cannot hold the
-   results. */
+/* Starts a round of looks. lens: kind of these looks, SBL__LENS_SITE or SBL__LENS_STUCK. Returns SBL_ERROR_UNSUPPORTED
+   if a texture cannot hold the results. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size;
@@ -15413,8 +15420,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* ======================================================================================================== >>bounce
    Fills the store of bounced light. This room declares the data and the stages of this work. The rooms from >>cast to
-   >>storing do the work. Of all their functions, later rooms call only sbl__bounce_step, sbl__bounce_progress and
-   sbl__bounce_end.
+   >>storing do the work. Later rooms call only three functions of these rooms: sbl__bounce_step, sbl__bounce_progress
+   and sbl__bounce_end.
 
    Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
    SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
@@ -15651,7 +15658,7 @@ typedef struct sbl__bounce {
 
 /* ======================================================================================================== >>cast
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
-   that the rays of points find by way of metal (sbl__bounce_point.shine). */
+   that the rays of points find after they have hit metal (sbl__bounce_point.shine). */
 
 #define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
@@ -15681,11 +15688,11 @@ static const char *const sbl__glsl_cast[] = {
 "#define sbl_write_ray(name, ray, value) name = value\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
-"// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
+"// rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal\n",
 "SBL_OUT(2, out_shine);\n",
 "#ifdef SBL_GROUPS\n",
-"// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *\n",
-"// layer of the rest, which comes from a lamp\n",
+"// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
+"// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
 "vec4 parts;\n",
@@ -15754,7 +15761,7 @@ static const char *const sbl__glsl_cast[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Writes the light that a ray has found by way of metal.\n",
+"// Writes the light that a ray has found after it hit metal.\n",
 "void sbl_cast_write_shine(int ray, vec4 shine) {\n",
 "    sbl_write_ray(out_shine, ray, shine);\n",
 "#ifdef SBL_GROUPS\n",
@@ -15922,8 +15929,8 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
     return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
 }
 
-/* Adds the light that a point's ray finds by way of metal to the point's shine. parts: out_parts of cast.glsl; NULL
-   without light groups */
+/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. parts: out_parts of
+   cast.glsl; NULL without light groups */
 static void sbl__cast_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
@@ -16991,7 +16998,7 @@ static sbl_result sbl__solution_reads_make(void *work, sbl__slice *slice) {
 }
 
 /* Returns 1 if the iteration reads the light of the leaf that a ray hits: the leaf's state `bright` is 0, or the ray
-   has come by way of metal. */
+   has hit metal before. */
 static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
     return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
 }
@@ -17082,7 +17089,7 @@ static sbl_result sbl__solution_gather(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* NaN becomes SBL__BOUNCE_MOST, too */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -17200,7 +17207,7 @@ static sbl_result sbl__solution_layers_gather(void *work, int at) {
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* NaN becomes SBL__BOUNCE_MOST, too */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -17251,12 +17258,13 @@ static int sbl__solution_grouped_leaves(void *work) {
 }
 
 /* ======================================================================================================== >>division
-   Light varies most near lamps, and many rays read some leaves while few read others. Once the light is known, the
-   leaves that contribute most to the error are divided, and both parts get points. A leaf that very many rays read gets
-   further points, because its error makes the whole scene too bright or too dark. This decision uses the variance of
-   all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by chance would be
-   divided and become darker, and leaves that are dark by chance would stay as they are. This room adds cuts, and raises
-   the maximum number of points of leaves; the stages from RELOCATE on do the rest. */
+   Divides leaves in which the light varies. Light varies most near lamps, and some leaves are read by more rays than
+   others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get points.
+   A leaf that very many rays read gets further points, because its error makes the whole scene too bright or too dark.
+   This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point
+   that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as they
+   are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
+   rest. */
 
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
 #define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
@@ -17608,7 +17616,7 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 }
 
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
-   Candidates are leaves that far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
+   Candidates are leaves that far rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -17670,8 +17678,8 @@ static int sbl__bright_after_glow(void *work) {
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
-    for (i = 0; i < b->store->leaf_count; i++)  /* Rays by way of metal read bright leaves, whose red counts without its
-                                                   sign. sbl__uncertainty_leaf sets the sign again. */
+    for (i = 0; i < b->store->leaf_count; i++)  /* Rays that have hit metal read bright leaves. They need red
+                                                   without its sign, which sbl__uncertainty_leaf sets again. */
         b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
@@ -17680,7 +17688,7 @@ static int sbl__bright_after_glow(void *work) {
    The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
    random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
    gathered there. A second part of the uncertainty is the variation of the light within near cells. While this room
-   works, leaves hold noise in place of their light. In the end they have their light again, and their uncertainty. */
+   works, leaves hold noise in place of their light. At the end, it restores their light and adds their uncertainty. */
 
 #define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
                                       sbl__uncertainty_after_noise */
@@ -18314,7 +18322,7 @@ typedef struct sbl__sensor {
     int look;                 /* index of the sensor's first look among all looks of its job */
     int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
     int looks, wanted;        /* number of looks so far; number of looks at the end of the round */
-    short round;              /* index of the last round that read the sensor; 0 also if no round has */
+    short round;              /* index of the last round that read the sensor; also 0 before it is read */
     unsigned char level;      /* 1 + level of the tile that put the sensor here; 0: the light is from the store */
     unsigned char sensed;     /* 1: radiance is known */
     unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__places_validate */
@@ -19544,9 +19552,9 @@ static int sbl__guides_are_few(const sbl__refine *r, int step, int most) {
     return columns * ((r->window.whole[1] - 1) / step + 1) < most;
 }
 
-/* Chooses the distance between guides and the number of scouts at each. Where surfaces reflect, bright places are often
-   close and narrow: there, guides are half as far apart if this gives few enough, and a quarter of the scouts is sent
-   from each, so that all together are as many. */
+/* Chooses the distance between guides and the number of scouts per guide. In scenes with reflections, bright places are
+   often close and narrow. The distance is then halved, unless this gives too many guides, and each guide has a quarter
+   of the scouts. The total number of scouts stays the same. */
 static void sbl__guides_choose(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     g->parallax_aware = (r->core->scene.features & SBL__SPECULAR) != 0;
@@ -19578,10 +19586,10 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->receivers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns 1 if scouts at this pixel may count for a guide of a sensor that matters: a sensor takes a guide less than
-   one step away, which takes scouts up to sbl__guides.reach steps away. The sensors of the window matter and, in a
-   window with rings, those of tiles beside it. Where guides are far apart, scouts further away than the limit serve
-   little, and take much time. */
+/* Returns 1 if sensors of the window may need scouts at this pixel. A sensor uses a guide that is less than one step
+   away, and the guide receives light of scouts that are up to sbl__guides.reach steps away. In a window with rings, the
+   sensors of tiles beside the window need scouts, too. If guides are far apart, SBL__SCOUTS_AWAY limits the distance,
+   because scouts beyond it take much time and improve the picture little. */
 static int sbl__scouts_serve(const sbl__refine *r, int index) {
     const int beside = r->window.rings ? r->tile_size + 1 : 0;
     const int away = beside + (r->guides.reach + 1) * r->guides.step - 1;
@@ -19610,8 +19618,8 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns the weight with which the scouts of pixel p count for the guide of pixel `own`. In the guides' grid, the two
-   pixels are `right` columns and `below` rows apart. */
+/* Returns the weight of the scouts of pixel p in the guide of pixel `own`. In the guides' grid, the two pixels are
+   `right` columns and `below` rows apart. */
 static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, const sbl__pixel *p, int right,
                                 int below) {
     static const float weights[2][SBL__GUIDE_REACH + 1] = { { 1, 0.7f, 0.3f, 0, 0 }, { 1, 0.85f, 0.7f, 0.5f, 0.3f } };
@@ -19619,7 +19627,7 @@ static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, con
     return row[abs(right)] * row[abs(below)] * sbl__guide_fits(own, p);
 }
 
-/* Lists the guides around the grid pixel at `column` and `row` for which its scouts count. */
+/* Lists the guides that receive the light of the scouts of the grid pixel at `column` and `row`. */
 static void sbl__receivers_list(sbl__refine *r, int column, int row) {
     sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -19658,8 +19666,8 @@ static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
     return sbl__guide_bin(SBL__MAX(1 - z * z / length2, 0.0), angle < 0 ? angle + 1 : angle);
 }
 
-/* Returns how far away the light that a scout has found seems to be: as far as the scout's hit, or as the image of a
-   lamp that a flat mirror shows there. 0: infinitely far */
+/* Returns the apparent distance of the light that a scout has found: the distance of the scout's hit or, if a flat
+   mirror there shows a lamp, the distance of the lamp's image. 0: infinitely far */
 static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], const float direction[3], float hit) {
     const float margin = 1e-3f * hit;
     int i, k;
@@ -19783,9 +19791,9 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
-#define SBL__GOAL_SHARE 0.6             /* a round aims at no less than this * the present squared error, since new
+#define SBL__GOAL_SHARE 0.6             /* a round does not aim below this * the present squared error, since new
                                            readings may change what is worth buying */
-#define SBL__GOAL_REST 1.1              /* a round aims at no less than this * the squared error that neither looks nor
+#define SBL__GOAL_REST 1.1              /* a round does not aim below this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
                                            force all others to the best possible quality */
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
@@ -20350,8 +20358,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_calibrate(r);
 }
 
-/* Sets where the working grid lies in the whole picture. The errors of pixels in the window, and of those around it
-   that the filter or anti-aliasing may read, count (see sbl__window_counts). */
+/* Sets where the working grid lies in the whole picture. Errors count only in the window, and at pixels around it that
+   the filter or anti-aliasing may read (see sbl__window_counts). */
 static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
@@ -21428,7 +21436,7 @@ typedef struct sbl__front_end {
     int stage_count;
     /* Returns the field of sbl_stats to which the duration of the current stage is added, in seconds, or NULL. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1; only >>map includes the store */
+    float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1. >>map counts the store, too */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
@@ -21623,7 +21631,7 @@ typedef struct sbl__map {
     int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
-    sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
+    sbl_stats glimpse_stats;    /* the statistics before the glimpse, which are restored after it */
     float finished;             /* finished fraction of the front end's own stages, 0 to 1 */
     double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
                                    and tiles (gather + refine), [1]: number of looks */
@@ -22858,7 +22866,7 @@ typedef struct sbl__lightmap {
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
     sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and even seams */
     float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are finished, 4 floats per texel */
-    sbl__map_image mean;        /* if supersample is above 1: per texel, mean R of its working pixels; no gutters */
+    sbl__map_image mean;        /* used if supersample > 1: mean R of each texel's working pixels, without gutters */
 } sbl__lightmap;
 
 static void sbl__lightmap_free(void *work) {
@@ -24196,7 +24204,7 @@ typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_ligh
 typedef struct sbl__probe_sum {
     int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
     float position[3];             /* position in this round, as the host sees it */
-    sbl__probe_light light[SBL__LAYERS_MOST];  /* by layer of light: of all light, then of each light group */
+    sbl__probe_light light[SBL__LAYERS_MOST];  /* per layer: 0: all light; from 1 on: the light groups */
     double hits, back;             /* number of rays that hit a surface; number of those that hit a back face */
     double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the

@@ -12,11 +12,11 @@ SBL_OUT(1, out_albedo);
 #define sbl_write_ray(name, ray, value) name = value
 #endif
 #ifdef SBL_BOUNCED  // the scene has metal
-// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal
+// rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal
 SBL_OUT(2, out_shine);
 #ifdef SBL_GROUPS
-// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *
-// layer of the rest, which comes from a lamp
+// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
+// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light
 SBL_OUT(3, out_parts);
 #endif
 vec4 parts;
@@ -85,7 +85,7 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 }
 
 #ifdef SBL_BOUNCED
-// Writes the light that a ray has found by way of metal.
+// Writes the light that a ray has found after it hit metal.
 void sbl_cast_write_shine(int ray, vec4 shine) {
     sbl_write_ray(out_shine, ray, shine);
 #ifdef SBL_GROUPS
