@@ -7,7 +7,8 @@
        #include "sbl.h"
 
    Other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or later.
-   Link with -lEGL -lm, or without SBL_EGL with -lm. No GL library is linked, because GL functions are looked up.
+   Link with -lEGL -lm, or with -lm alone if SBL_EGL is not defined. No GL library is linked: GL functions are looked up
+   at run time.
 
 
    WHAT IT IS
@@ -189,10 +190,10 @@
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate under three conditions: the scene is 5e-10 to 6e9 units across; it reaches at most 4,000 times
-   its size away from the origin; and its brightest light is 1e-9 to 1e17. Brightest means the largest radiance,
-   irradiance of a directional light, or intensity of another light divided by the square of the scene's size.
-   sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too large or too far
-   away. A value that overflows never becomes NaN.
+   its size away from the origin; and its brightest light is 1e-9 to 1e17. This value is the radiance of a surface or of
+   the sky, the irradiance of a directional light, or the intensity of another light divided by the square of the
+   scene's size. sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too
+   large or too far away. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -231,7 +232,8 @@
 
    Radiance has no upper limit, a screen has one. sbl_picture_desc.tone chooses a view transform (see sbl_tone), and
    SBL_CHANNEL_DISPLAY is then the picture that it makes, with values from 0 to 1. The transform is applied to each
-   anti-aliasing sample, so that the edges of lamps are as smooth as others. To write a file or fill an 8-bit texture:
+   anti-aliasing sample, so that the edges of lamps are as smooth as all other edges. To write a file or fill an 8-bit
+   texture:
 
        static float shown[640 * 480 * 3];
        static unsigned char bytes[640 * 480 * 3];
@@ -265,8 +267,8 @@
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
-       noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
-                       filter average out
+       noise           estimated from the differences between rays in neighbouring directions, minus the part that
+                       interpolation and the filter average out
        interpolation   the part of the light that interpolation between sensors misses, estimated from second
                        differences of the light between sensors
 
@@ -276,10 +278,10 @@
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
    both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
-   first sensors may have missed places. Stop only when they have stayed below your limit for several steps. In pictures
-   of scenes with reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once
-   reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in
-   all pictures.
+   first sensors may have missed bright or dark places. Stop only when they have stayed below your limit for several
+   steps. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see ON
+   REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is
+   the prediction for R in all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one R for its whole area. Sensors
@@ -326,16 +328,18 @@
 
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
-   four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces. Then cells in which the light
-   varies much, and which many rays meet, are divided or get further points, up to 32. Small places that are far
-   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
+   four points, where rays have met it. There, light from lamps is measured as sensors measure it, and rays find the sky
+   and other cells. These rays define a system of linear equations, whose solution contains all bounces. Then cells in
+   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small places that
+   are far brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find
+   them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
-   that other surfaces reflect towards them, and only where these surfaces are at least 0.7 lengths of a cell away. At
-   a nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
-   itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   that other surfaces reflect towards them, and only where these surfaces are at least 0.7 lengths of a cell away. If a
+   ray meets a nearer surface, whose light may differ from that of its cell, another ray is sent from there to a lamp,
+   and the first ray continues in a new direction. The store itself is visible only on surfaces with
+   SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 3 to 6 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms on llvmpipe). The first work in this mode makes the store. All pictures and bakes
@@ -349,14 +353,14 @@
    reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a
-   room where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky
-   light from windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
-   is asked for by default remains, and sbl_stats.picture.expected_error says so.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
+   where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
+   windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
+   of 1.5 %, and sbl_stats.picture.expected_error says so.
 
-   Large scenes: cells are small where rays between surfaces are short, even if nearly all surface lies elsewhere. A
-   room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %. Surfaces that
-   reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
+   Large scenes: cells are small where rays between surfaces are short, even if nearly all surfaces lie elsewhere. In a
+   room 2 across on a ground 1,000 across, the error of the light is at most 2 %, and on a ground 10,000 across at most
+   8 %. Surfaces that reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
 
    Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
    stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
@@ -476,8 +480,8 @@
    The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error also apply
    to lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
-   Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
-   continued into this space, from each chart into the nearer half.
+   Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL
+   continues the light of each chart into the nearer half of this space.
 
    A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
@@ -487,16 +491,16 @@
    treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
    treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
    faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
-   texels see back faces, all this does not apply.
+   texels see back faces, none of these rules applies.
 
-   Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
-   side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
-   this side triangles of its own.
+   Sides: a texel shows the light on one side of its triangle: the side to which the normals point or, without normals,
+   the side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain,
+   give this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
-   must share the edge from end to end. The normals of a seam are those by which its sides are lit: facets that are lit
-   by their true normals (see below) and face different ways keep their jumps of light.
+   must share the edge from end to end. The normals of a seam are those by which its sides are lit. Light therefore
+   still jumps between facets that are lit by their true normals (see below) and face different ways.
 
    Narrow charts: the reveals, bars and frames of windows are often two to four texels wide in a map, and light changes
    much across them. Each of their rows is measured, even if light changes little along them: a sensor at one border of
@@ -541,9 +545,9 @@
    share if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give the
    scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
-   thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
-   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
-   larger than ray_length are not recognised as hidden.
+   then hold these values instead of light, and target error, filter, gutters and seams work as for light. Panes let
+   part of the sky through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a
+   solid that is larger than ray_length are not recognised as hidden.
 
 
    ON VERTEX LIGHT
@@ -564,9 +568,8 @@
 
    Accuracy: sbl_vertices_desc.samples is the number of points on an average triangle; triangles that are large for the
    scene have up to eight times as many. With the default, on the walls of a closed room, which are two triangles each,
-   the light at the vertices is within 4 % of what 128 times as many points give. Where no straight line can follow the
-   light, such as on a triangle with a shadow in its middle, no number of points makes the interpolated light right;
-   divide such triangles.
+   the light at the vertices is within 4 % of what 128 times as many points give. Linear interpolation cannot show some
+   light, such as a shadow in the middle of a triangle, however many points are measured; divide such triangles.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
@@ -611,8 +614,9 @@
    Shadows of light from probes (as in DDGI) use distance and distance_squared. They do not include the sky; where
    nothing but sky is visible, they are 0, which means infinitely far.
 
-   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
-   for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
+   Geometry of a draw callback contributes to the light. The light is then measured by views (SBL_BACKEND_RASTER), with
+   an error of 1.4 % for a point light. Sky, distances, back_share and valid are still found by rays, which ignore this
+   geometry.
 
 
    ON LIGHT GROUPS
@@ -689,20 +693,21 @@
    a dozen steps of the first picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids
    that.
 
-   The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED while there is
-   nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has grown by a
-   quarter. If the first request comes later, the function that receives it makes a preview itself, which takes time.
+   The channels of a picture under way can be read after the first level, when the sensors of the first tiles have been
+   measured. Albedo, normal, position, id and depth can be read even before the first sensor. Channels hold the best
+   picture so far. A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED
+   while there is nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has
+   grown by a quarter. If the first request comes later, the function that receives it makes a preview itself, which
+   takes time.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
    one with all bounces as soon as the store is full. This costs nothing for hosts that do not ask, and does not change
    finished pictures.
 
-   sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
-   long as foreseen. The time that the work takes after the store is full can only be guessed: in pictures of rooms made
-   at random, progress was wrong by 0.15 on average, and by up to 0.4.
+   sbl_progress never decreases. For pictures and lightmaps it is the time so far, as a fraction of the predicted total
+   time. The time that the work takes after the store is full can only be guessed: in pictures of rooms made at random,
+   progress was wrong by 0.15 on average, and by up to 0.4.
 
 
    ON RESULTS AND MESSAGES
@@ -819,9 +824,9 @@
 
    The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
    of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
-   target error by itself: the joined picture has other sensors in places, differs by less than the target, and
-   neighbouring pixels at the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in
-   three scenes).
+   target error by itself. Some sensors of the joined picture are then at other positions, and the joined picture
+   differs from the picture of one call by less than the target. Differences between neighbouring pixels at the borders
+   are 1 to 1.5 times as large as in the picture of one call (in three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
@@ -875,11 +880,11 @@
    Other GL versions and drivers give the same picture up to rounding.
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
-   site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends only on its
-   number, its position, `rays` and the seed. It does not depend on how many other probes there are, or which of them
-   are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene, but not on which
-   other meshes are baked.
+   site number y * width + x, with the picture's seed, and set `rays` to the same value for both, other than 0. The
+   result is equal to the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe
+   depends only on its number, its position, `rays` and the seed. It does not depend on how many other probes there are,
+   or which of them are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene,
+   but not on which other meshes are baked.
 
 
    ON THE PAPER
@@ -7130,8 +7135,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: the difference between outer and inner cone, as
-                                         a fraction of the outer cone. Cones are measured as 1 - cosine */
+#define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: outer minus inner cone, as a fraction of
+                                         the outer cone. A cone is measured as 1 - cosine of its angle */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
