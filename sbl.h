@@ -276,7 +276,7 @@
    are subdivided, down to single pixels, until the predicted error of the picture reaches the target.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
+   sbl_stats.picture.expected_error is the prediction for the whole picture, as a fraction of the mean. A host may read
    both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
    first sensors may have missed bright or dark places. Stop only when they have stayed below your limit for several
    steps. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see ON
@@ -541,9 +541,9 @@
 
    ON OCCLUSION
 
-   Sky visibility is the cosine-weighted share of the hemisphere in which no surface is met; ambient occlusion is this
-   share if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give the
-   scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
+   Sky visibility is the cosine-weighted fraction of the hemisphere in which no surface is met; ambient occlusion is
+   this fraction if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give
+   the scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
    then hold these values instead of light, and target error, filter, gutters and seams work as for light. Panes let
    part of the sky through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a
@@ -644,8 +644,8 @@
    group that is dark beside others can be slightly negative, because noise of the others shows in it.
 
    Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
-   is a share of the whole light, not of the group's own. In the light of all groups together, this error cannot be
-   seen. A group that is made ten times as bright beside the others shows ten times its error.
+   is a fraction of the whole light, not of the group's own light. In the light of all groups together, this error
+   cannot be seen. A group that is made ten times as bright beside the others shows ten times its error.
 
    Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
    group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
@@ -833,14 +833,14 @@
    of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
-                  target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
-                  own mean, and dark windows take needlessly long
+                  target_error is a fraction of the mean R of the whole picture. Otherwise it is a fraction of each
+                  window's own mean, and dark windows take needlessly long
        price      multiply sbl_stats.picture.price of the small picture by (pixels of the whole / pixels of the small
                   picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
                   then has about the target error. Single windows may have more or less, just as regions of a picture
                   that is made at once do. Without a price, every window reaches the target error by itself, which takes
                   up to twice as long in total. In scenes with reflections, do the same with mean_final and
-                  specular_price of the small picture, because errors there are shares of the mean of FINAL
+                  specular_price of the small picture, because errors there are fractions of the mean of FINAL
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
                   as those of the small picture, so that the price and WORK of the small picture are wrong for it
@@ -2121,7 +2121,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    cut                                                  a plane that divides a cell
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
-   point                                                a place where light is measured: in a leaf, or on a triangle
+   point                                                a position where light is measured: in a leaf or on a triangle
    ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
@@ -2138,7 +2138,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
    batch        sbl__batch        >>batch               looks that are measured together
-   slot                                                 the place of a look of a batch in the textures of its results
+   slot                                                 the position of a look of a batch in the textures of results
    layer                                                layer 0 of light is R, others are harmonics or light groups
    guide        sbl__guide        >>guide >>scouts >>tiles  a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
@@ -3129,8 +3129,8 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
-#define SBL__POLISHED 0.16f            /* metal of lower roughness looks like a blurred mirror in the reflections of
-                                          panes: anti-aliasing samples take random directions of its lobe */
+#define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
+                                          anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
 #define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
@@ -4206,7 +4206,7 @@ static void sbl__device_free(sbl__device *d) {
 }
 
 /* ======================================================================================================== >>check
-   Validates descriptors field by field, before anything changes. Logs every mistake with the place, the name and the
+   Validates descriptors field by field, before anything changes. Logs every mistake with the object, the name and the
    value of the field, and with the values that are allowed. */
 
 typedef struct sbl__check {
@@ -5648,7 +5648,7 @@ static int sbl__material_blurs(const sbl_material *m) {
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Returns 1 if the material is metal that looks like a blurred mirror in the reflections of panes, see SBL__POLISHED.
+/* Returns 1 if the material is metal that is a blurred mirror in the reflections of panes, see SBL__POLISHED.
    Assumes that all texels are 1. */
 static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
@@ -8512,7 +8512,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Logs warnings about scenes whose size or place makes light inexact. Returns 1 if there are none. quiet: 1: logs
+/* Logs warnings about scenes whose size or position makes light inexact. Returns 1 if there are none. quiet: 1: logs
    nothing */
 static int sbl__scene_warn_size(const sbl__base *base, const sbl__geometry *g, int quiet) {
     const double away = g->hosts_extent - g->diagonal;
@@ -9827,7 +9827,7 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
 #define SBL__ATLAS_WORDS 4
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, near an edge */
+#define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, close to an edge */
 #define SBL__ATLAS_TOUCH 0.01   /* in texels. Programs that unwrap scenes put charts on the borders of texels; without
                                    this limit, rounding would decide if the texel beyond shows the chart */
 #define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this * its length */
@@ -10013,7 +10013,7 @@ static void sbl__extend(double *from, double *to, double x) {
     *to = SBL__MAX(*to, x);
 }
 
-/* Computes the place of a triangle of the scene in the map. */
+/* Computes the position of a triangle of the scene in the map. */
 static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     double low = DBL_MAX, high = -DBL_MAX;
@@ -10079,7 +10079,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point on or near a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
+/* Moves a point on or close to a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -11728,8 +11728,8 @@ typedef struct sbl__guides {
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     int scouts;                 /* number of scouts per pixel of the grid */
     int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
-    int parallax_aware;         /* 1: a guide near a scout counts its light in another direction than the scout, see
-                                   sbl__scout_spread */
+    int parallax_aware;         /* 1: the light of a scout is added to other guides in the directions in which their
+                                   pixels see it, see sbl__scout_spread */
     sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
@@ -14750,7 +14750,7 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1 + spec->groups; }
 
 /* Returns the standard error, as a fraction of R, of layers 1 to 4 of a look whose R has no noise; 0 for views and
-   no_light. The error comes from rays near the horizon, which are few and have the largest weights in harmonics. */
+   no_light. The error comes from rays close to the horizon, which are few and have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
@@ -15248,12 +15248,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
 
 /* Evaluates the result of the round's next look. found: the look's texel in each texture of results
 
-   A sensor is stuck if its offset moved it through another surface into a body. A look's share of back faces does not
-   prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. Therefore a
-   site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from the sensor
-   back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the walls of
-   the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than SBL__STUCK_SHARE of the
-   offset, the reading is invalid. */
+   A sensor is stuck if its offset moved it through another surface into a body. A look's fraction of back faces does
+   not prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls.
+   Therefore a site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from
+   the sensor back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the
+   walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
+   SBL__STUCK_SHARE of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
@@ -15780,7 +15780,8 @@ static const char *const sbl__glsl_cast[] = {
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
 "    hit_shines = true;\n",
 "    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
-"    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.\n",
+"    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that\n",
+"    // the sky's light is not added again.\n",
 "    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
 "}\n",
 "#endif\n",
@@ -16246,7 +16247,7 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD places
+/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD positions
    behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
    before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
    only the leaf's state is prefetched. */
@@ -17263,12 +17264,12 @@ static int sbl__solution_grouped_leaves(void *work) {
 }
 
 /* ======================================================================================================== >>division
-   Divides leaves in which the light varies. Light varies most near lamps, and some leaves are read by more rays than
-   others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get points.
-   A leaf that very many rays read gets further points, because its error makes the whole scene too bright or too dark.
-   This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one point
-   that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as they
-   are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
+   Divides leaves in which the light varies. Light varies most close to lamps, and some leaves are read by more rays
+   than others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get
+   points. A leaf that very many rays read gets further points, because its error makes the whole scene too bright or
+   too dark. This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one
+   point that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as
+   they are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
    rest. */
 
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
@@ -17692,8 +17693,9 @@ static int sbl__bright_after_glow(void *work) {
 /* ====================================================================================================== >>uncertainty
    The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
    random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
-   gathered there. A second part of the uncertainty is the variation of the light within near cells. While this room
-   works, leaves hold noise in place of their light. At the end, it restores their light and adds their uncertainty. */
+   gathered there. A second part of the uncertainty is the variation of the light within cells that are close to a
+   point. While this room works, leaves hold noise in place of their light. At the end, it restores their light and adds
+   their uncertainty. */
 
 #define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
                                       sbl__uncertainty_after_noise */
@@ -18679,14 +18681,14 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
                                            difference) of the light that it continues */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
                                            R and the mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is close, which may cast a
                                            shadow */
 #define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
                                            other sensor stands across the chart: light changes much across narrow
                                            charts, which are reveals, frames and mouldings. In a room that was measured,
                                            R differs from one side to the other by more than 0.17 of its mean in half of
                                            the charts that are two texels wide, and by more than 0.92 in a tenth */
-#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
+#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is close if its distance is less than this * the distance
                                            between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
@@ -19313,7 +19315,7 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__places_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
    SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. A sensor is behind a
+   sensor sees nothing but back faces if their fraction of its hemisphere exceeds SBL__HIDDEN_ALL. A sensor is behind a
    surface, for example under the floor that a chair's foot pierces, if back faces are more than SBL__HIDDEN_BACK of the
    surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the nearest is closer than
    distance_limit. */
@@ -19655,7 +19657,7 @@ static void sbl__receivers_list(sbl__refine *r, int column, int row) {
         }
 }
 
-/* Returns the index of the bin in which a guide sees a place, or -1 if it is below the horizon. */
+/* Returns the index of the bin in which a guide sees a position, or -1 if it is below the horizon. */
 static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
     double x = 0, y = 0, z = 0, length2 = 0, angle;
     int k;
@@ -19693,8 +19695,8 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
 }
 
 /* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
-   around it, each of which sees the place where the light seems to be in a direction of its own. Light below the mean R
-   adds little to the noise; it is taken to be in the scout's direction, which takes less time. */
+   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light
+   below the mean R adds little to the noise. To save time, all guides get it in the scout's direction. */
 static void sbl__scout_spread(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -24960,7 +24962,7 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel near the centre shows the
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel close to the centre shows the
    triangle at the right position, and a corner pixel outside the triangle shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     static const sbl__window window = { { SBL__TRIAL_SIZE, SBL__TRIAL_SIZE }, { 0, 0 },

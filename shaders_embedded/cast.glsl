@@ -99,7 +99,8 @@ void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 through
     uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
     hit_shines = true;
     sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
-    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
+    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that
+    // the sky's light is not added again.
     sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);
 }
 #endif
