@@ -15774,7 +15774,7 @@ static const char *const sbl__glsl_cast[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Lets a ray go on that has hit metal, and writes what it finds.\n",
+"// Continues a ray that has hit metal, and writes the light that it finds.\n",
 "void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
@@ -18017,7 +18017,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    /* Matte materials add nothing to the hash: stores that versions without reflections saved remain valid. */
+    /* Matte materials add nothing to the hash, so that stores of versions without reflections remain valid. */
     for (i = 0; i < g->mesh_count; i++) {
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
@@ -20270,7 +20270,7 @@ static int sbl__refine_after_restart(void *work) {
     return SBL__REFINE_LIST;
 }
 
-/* With a price, ends no earlier than the round that buys everything worth the price. */
+/* With a price, refinement does not end before the round that buys everything worth the price. */
 static int sbl__refine_after_spend(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     const int lowers = r->price > 0 && r->rounds <= SBL__PRICE_ROUNDS;

@@ -93,7 +93,7 @@ void sbl_cast_write_shine(int ray, vec4 shine) {
 #endif
 }
 
-// Lets a ray go on that has hit metal, and writes what it finds.
+// Continues a ray that has hit metal, and writes the light that it finds.
 void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
     sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
     uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
