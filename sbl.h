@@ -1235,7 +1235,7 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
 
    Cost: one call for each view of each look, and a hemicube has five. Meshes are drawn for many looks at once. */
 typedef struct sbl_draw_view {
-    sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
+    sbl_view_kind kind;       /* tells whether the view of the camera or of a sensor is drawn */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
     float world_to_view[16];  /* rigid; view space looks along -z, and y is up */
     float view_to_clip[16];   /* projection with reversed depth; the far plane of a perspective is at infinity */
@@ -10458,7 +10458,7 @@ typedef struct sbl__camera {
     double eye[3];             /* origin of view space, relative to `centre` */
     float centre[3];           /* see sbl__geometry */
     double right[3], up[3], back[3];  /* axes of view space in world space: unit vectors */
-    float world_to_view[16], view_to_clip[16];  /* of the working grid */
+    float world_to_view[16], view_to_clip[16];  /* matrices for the working grid */
     float whole_to_clip[16];   /* view_to_clip of the whole picture */
     int whole[2], first[2];    /* size of the whole picture; position of the working grid in it; see sbl__window */
     int orthographic;
@@ -15477,7 +15477,7 @@ typedef struct sbl__hit {
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
     uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
                           before that only if `current` is 1 */
-    uint16_t albedo[3];  /* of the surface, see sbl__albedo_pack */
+    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
     uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_place sets it for
                           any queued hit; it is tested only for hits of points' rays */
