@@ -13824,7 +13824,7 @@ static const char *const sbl__glsl_reflect[] = {
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
-"// the light of lamps that mirrors have reflected; otherwise, single rays would show it as specks (Kaplanyan\n",
+"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
 "// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
 "// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
 "// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",

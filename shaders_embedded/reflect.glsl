@@ -4,7 +4,7 @@
 
 #ifdef SBL_SPECULAR
 // A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs
-// the light of lamps that mirrors have reflected; otherwise, single rays would show it as specks (Kaplanyan
+// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan
 // and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport"). The highlights of
 // gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum
 // for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
