@@ -7,7 +7,8 @@
        #include "sbl.h"
 
    Other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or later.
-   Link with -lEGL -lm, or without SBL_EGL with -lm. No GL library is linked, because GL functions are looked up.
+   Link with -lEGL -lm, or with -lm alone if SBL_EGL is not defined. No GL library is linked: GL functions are looked up
+   at run time.
 
 
    WHAT IT IS
@@ -189,10 +190,10 @@
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate under three conditions: the scene is 5e-10 to 6e9 units across; it reaches at most 4,000 times
-   its size away from the origin; and its brightest light is 1e-9 to 1e17. Brightest means the largest radiance,
-   irradiance of a directional light, or intensity of another light divided by the square of the scene's size.
-   sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too large or too far
-   away. A value that overflows never becomes NaN.
+   its size away from the origin; and its brightest light is 1e-9 to 1e17. This value is the radiance of a surface or of
+   the sky, the irradiance of a directional light, or the intensity of another light divided by the square of the
+   scene's size. sbl_set_scene warns about other scenes, and so does sbl_set_mesh_transform if the scene becomes too
+   large or too far away. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -231,7 +232,8 @@
 
    Radiance has no upper limit, a screen has one. sbl_picture_desc.tone chooses a view transform (see sbl_tone), and
    SBL_CHANNEL_DISPLAY is then the picture that it makes, with values from 0 to 1. The transform is applied to each
-   anti-aliasing sample, so that the edges of lamps are as smooth as others. To write a file or fill an 8-bit texture:
+   anti-aliasing sample, so that the edges of lamps are as smooth as all other edges. To write a file or fill an 8-bit
+   texture:
 
        static float shown[640 * 480 * 3];
        static unsigned char bytes[640 * 480 * 3];
@@ -265,8 +267,8 @@
 
    A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
-       noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
-                       filter average out
+       noise           estimated from the differences between rays in neighbouring directions, minus the part that
+                       interpolation and the filter average out
        interpolation   the part of the light that interpolation between sensors misses, estimated from second
                        differences of the light between sensors
 
@@ -274,12 +276,12 @@
    are subdivided, down to single pixels, until the predicted error of the picture reaches the target.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
+   sbl_stats.picture.expected_error is the prediction for the whole picture, as a fraction of the mean. A host may read
    both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
-   first sensors may have missed places. Stop only when they have stayed below your limit for several steps. In pictures
-   of scenes with reflections, target_error is the error of FINAL that you accept (see ON REFLECTIONS), and once
-   reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is the prediction for R in
-   all pictures.
+   first sensors may have missed bright or dark places. Stop only when they have stayed below your limit for several
+   steps. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see ON
+   REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is
+   the prediction for R in all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one R for its whole area. Sensors
@@ -326,16 +328,18 @@
 
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
-   four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces. Then cells in which the light
-   varies much, and which many rays meet, are divided or get further points, up to 32. Small places that are far
-   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
+   four points, where rays have met it. There, light from lamps is measured as sensors measure it, and rays find the sky
+   and other cells. These rays define a system of linear equations, whose solution contains all bounces. Then cells in
+   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small places that
+   are far brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find
+   them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
-   that other surfaces reflect towards them, and only where these surfaces are at least 0.7 lengths of a cell away. At
-   a nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
-   itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   that other surfaces reflect towards them, and only where these surfaces are at least 0.7 lengths of a cell away. If a
+   ray meets a nearer surface, whose light may differ from that of its cell, another ray is sent from there to a lamp,
+   and the first ray continues in a new direction. The store itself is visible only on surfaces with
+   SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 3 to 6 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms on llvmpipe). The first work in this mode makes the store. All pictures and bakes
@@ -349,14 +353,14 @@
    reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a
-   room where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky
-   light from windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
-   is asked for by default remains, and sbl_stats.picture.expected_error says so.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
+   where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
+   windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
+   of 1.5 %, and sbl_stats.picture.expected_error says so.
 
-   Large scenes: cells are small where rays between surfaces are short, even if nearly all surface lies elsewhere. A
-   room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %. Surfaces that
-   reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
+   Large scenes: cells are small where rays between surfaces are short, even if nearly all surfaces lie elsewhere. In a
+   room 2 across on a ground 1,000 across, the error of the light is at most 2 %, and on a ground 10,000 across at most
+   8 %. Surfaces that reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
 
    Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
    stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
@@ -476,8 +480,8 @@
    The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error also apply
    to lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
-   Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
-   continued into this space, from each chart into the nearer half.
+   Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL
+   continues the light of each chart into the nearer half of this space.
 
    A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
@@ -487,16 +491,16 @@
    treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
    treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
    faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
-   texels see back faces, all this does not apply.
+   texels see back faces, none of these rules applies.
 
-   Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
-   side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain, give
-   this side triangles of its own.
+   Sides: a texel shows the light on one side of its triangle: the side to which the normals point or, without normals,
+   the side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain,
+   give this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
-   must share the edge from end to end. The normals of a seam are those by which its sides are lit: facets that are lit
-   by their true normals (see below) and face different ways keep their jumps of light.
+   must share the edge from end to end. The normals of a seam are those by which its sides are lit. Light therefore
+   still jumps between facets that are lit by their true normals (see below) and face different ways.
 
    Narrow charts: the reveals, bars and frames of windows are often two to four texels wide in a map, and light changes
    much across them. Each of their rows is measured, even if light changes little along them: a sensor at one border of
@@ -537,13 +541,13 @@
 
    ON OCCLUSION
 
-   Sky visibility is the cosine-weighted share of the hemisphere in which no surface is met; ambient occlusion is this
-   share if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give the
-   scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
+   Sky visibility is the cosine-weighted fraction of the hemisphere in which no surface is met; ambient occlusion is
+   this fraction if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give
+   the scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
    distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
-   thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
-   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a solid that is
-   larger than ray_length are not recognised as hidden.
+   then hold these values instead of light, and target error, filter, gutters and seams work as for light. Panes let
+   part of the sky through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours; texels inside a
+   solid that is larger than ray_length are not recognised as hidden.
 
 
    ON VERTEX LIGHT
@@ -564,9 +568,8 @@
 
    Accuracy: sbl_vertices_desc.samples is the number of points on an average triangle; triangles that are large for the
    scene have up to eight times as many. With the default, on the walls of a closed room, which are two triangles each,
-   the light at the vertices is within 4 % of what 128 times as many points give. Where no straight line can follow the
-   light, such as on a triangle with a shadow in its middle, no number of points makes the interpolated light right;
-   divide such triangles.
+   the light at the vertices is within 4 % of what 128 times as many points give. Linear interpolation cannot show some
+   light, such as a shadow in the middle of a triangle, however many points are measured; divide such triangles.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
@@ -611,8 +614,9 @@
    Shadows of light from probes (as in DDGI) use distance and distance_squared. They do not include the sky; where
    nothing but sky is visible, they are 0, which means infinitely far.
 
-   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
-   for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
+   Geometry of a draw callback contributes to the light. The light is then measured by views (SBL_BACKEND_RASTER), with
+   an error of 1.4 % for a point light. Sky, distances, back_share and valid are still found by rays, which ignore this
+   geometry.
 
 
    ON LIGHT GROUPS
@@ -640,8 +644,8 @@
    group that is dark beside others can be slightly negative, because noise of the others shows in it.
 
    Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
-   is a share of the whole light, not of the group's own. In the light of all groups together, this error cannot be
-   seen. A group that is made ten times as bright beside the others shows ten times its error.
+   is a fraction of the whole light, not of the group's own light. In the light of all groups together, this error
+   cannot be seen. A group that is made ten times as bright beside the others shows ten times its error.
 
    Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
    group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
@@ -689,20 +693,21 @@
    a dozen steps of the first picture take 0.1 to 0.6 s each. From the second run of a host on, Mesa's cache avoids
    that.
 
-   The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED while there is
-   nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has grown by a
-   quarter. If the first request comes later, the function that receives it makes a preview itself, which takes time.
+   The channels of a picture under way can be read after the first level, when the sensors of the first tiles have been
+   measured. Albedo, normal, position, id and depth can be read even before the first sensor. Channels hold the best
+   picture so far. A host that shows them should ask for a channel after the first step: the answer is SBL_UNFINISHED
+   while there is nothing to read, and from then on sbl_step makes a better preview whenever the number of looks has
+   grown by a quarter. If the first request comes later, the function that receives it makes a preview itself, which
+   takes time.
 
    In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
    one with all bounces as soon as the store is full. This costs nothing for hosts that do not ask, and does not change
    finished pictures.
 
-   sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
-   long as foreseen. The time that the work takes after the store is full can only be guessed: in pictures of rooms made
-   at random, progress was wrong by 0.15 on average, and by up to 0.4.
+   sbl_progress never decreases. For pictures and lightmaps it is the time so far, as a fraction of the predicted total
+   time. The time that the work takes after the store is full can only be guessed: in pictures of rooms made at random,
+   progress was wrong by 0.15 on average, and by up to 0.4.
 
 
    ON RESULTS AND MESSAGES
@@ -819,23 +824,23 @@
 
    The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
    of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
-   target error by itself: the joined picture has other sensors in places, differs by less than the target, and
-   neighbouring pixels at the borders differ 1 to 1.5 times as much as the same pixels of the picture of one call (in
-   three scenes).
+   target error by itself. Some sensors of the joined picture are then at other positions, and the joined picture
+   differs from the picture of one call by less than the target. Differences between neighbouring pixels at the borders
+   are 1 to 1.5 times as large as in the picture of one call (in three scenes).
 
    All windows of a picture should share five things. A small picture of the whole, which has the same target error,
    supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
    of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
-                  target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
-                  own mean, and dark windows take needlessly long
+                  target_error is a fraction of the mean R of the whole picture. Otherwise it is a fraction of each
+                  window's own mean, and dark windows take needlessly long
        price      multiply sbl_stats.picture.price of the small picture by (pixels of the whole / pixels of the small
                   picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
                   then has about the target error. Single windows may have more or less, just as regions of a picture
                   that is made at once do. Without a price, every window reaches the target error by itself, which takes
                   up to twice as long in total. In scenes with reflections, do the same with mean_final and
-                  specular_price of the small picture, because errors there are shares of the mean of FINAL
+                  specular_price of the small picture, because errors there are fractions of the mean of FINAL
        rays       copy sbl_stats.picture.look_rays of the small picture into look_rays of the windows. Otherwise each
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
                   as those of the small picture, so that the price and WORK of the small picture are wrong for it
@@ -875,11 +880,11 @@
    Other GL versions and drivers give the same picture up to rounding.
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
-   site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends only on its
-   number, its position, `rays` and the seed. It does not depend on how many other probes there are, or which of them
-   are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene, but not on which
-   other meshes are baked.
+   site number y * width + x, with the picture's seed, and set `rays` to the same value for both, other than 0. The
+   result is equal to the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe
+   depends only on its number, its position, `rays` and the seed. It does not depend on how many other probes there are,
+   or which of them are baked at the same time. The light of a mesh's vertices depends on the mesh's index in the scene,
+   but not on which other meshes are baked.
 
 
    ON THE PAPER
@@ -1230,7 +1235,7 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
 
    Cost: one call for each view of each look, and a hemicube has five. Meshes are drawn for many looks at once. */
 typedef struct sbl_draw_view {
-    sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
+    sbl_view_kind kind;       /* tells whether the view of the camera or of a sensor is drawn */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
     float world_to_view[16];  /* rigid; view space looks along -z, and y is up */
     float view_to_clip[16];   /* projection with reversed depth; the far plane of a perspective is at infinity */
@@ -2116,7 +2121,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    cut                                                  a plane that divides a cell
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
-   point                                                a place where light is measured: in a leaf, or on a triangle
+   point                                                a position where light is measured: in a leaf or on a triangle
    ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
@@ -2133,7 +2138,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
    batch        sbl__batch        >>batch               looks that are measured together
-   slot                                                 the place of a look of a batch in the textures of its results
+   slot                                                 the position of a look of a batch in the textures of results
    layer                                                layer 0 of light is R, others are harmonics or light groups
    guide        sbl__guide        >>guide >>scouts >>tiles  a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
@@ -3124,7 +3129,7 @@ typedef struct sbl__record {
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
                                           diffuse part is then ignored */
-#define SBL__POLISHED 0.16f            /* metal of lower roughness blurs what it reflects to a pane in front of it:
+#define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
@@ -3547,7 +3552,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
-    for (i = count; i < t->count; i++)  /* detaches the rest, because even deleted textures limit the target's size */
+    /* The target's old attachments are detached: even if their textures are deleted, they limit the target's size. */
+    for (i = count; i < t->count; i++)
         gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i,
                                  SBL__GL_TEXTURE_2D, 0, 0);
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
@@ -4200,7 +4206,7 @@ static void sbl__device_free(sbl__device *d) {
 }
 
 /* ======================================================================================================== >>check
-   Validates descriptors field by field, before anything changes. Logs every mistake with the place, the name and the
+   Validates descriptors field by field, before anything changes. Logs every mistake with the object, the name and the
    value of the field, and with the values that are allowed. */
 
 typedef struct sbl__check {
@@ -4221,7 +4227,7 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-/* Sets the log item of the following mistakes, and the object that their messages name, such as "mesh 3". */
+/* Sets the log item of the mistakes that follow, and the object that their messages name, such as "mesh 3". */
 static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
     check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
@@ -5100,9 +5106,9 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   How triangles connect: hash tables that find vertices at equal positions and sides with equal ends, union-find, and
-   values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices and triangles. A
-   side is an edge of one triangle; its index is 3 * triangle + the corner, 0 to 2, at which it begins. */
+   Finds how triangles connect: by hash tables of vertices at equal positions and of sides with equal ends, by
+   union-find, and by values that spread from neighbour to neighbour on a grid. Callers choose the indices of vertices
+   and triangles. A side is an edge of one triangle. Its index is 3 * triangle + the corner, 0 to 2, where it begins. */
 
 #define SBL__NONE UINT32_MAX  /* instead of an index: there is none */
 
@@ -5607,8 +5613,9 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
 }
 
 /* ======================================================================================================== >>material
-   How surfaces emit, reflect and transmit light, and where they have holes: this room computes it on the CPU, and
-   material.glsl in shaders, with equal results. Other rooms test only flags, holes, and whether a surface is black. */
+   Computes how surfaces emit, reflect and transmit light, and where they have holes. This room does so on the CPU, and
+   material.glsl does so in shaders, with equal results. Other rooms test only flags, holes, and whether a surface is
+   black. */
 
 /* Returns 1 unless the object is matte. */
 static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; }
@@ -5634,14 +5641,15 @@ static sbl_material sbl__material_matte(const sbl_material *material) {
     return m;
 }
 
-/* Returns 1 if pixels show what the material mirrors, but it is too rough to be a perfect mirror. Textures count as
-   1. */
+/* Returns 1 if the material is a mirror in which pixels show other surfaces (SBL__MIRROR_SEEN), but is too rough to be
+   a perfect mirror. Assumes that all texels are 1. */
 static int sbl__material_blurs(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__MIRROR_SEEN &&
            (1 - m->metallic) * sbl__max3(m->albedo) <= SBL__MIRROR_DIFFUSE;
 }
 
-/* Returns 1 if the material is metal that blurs what it reflects to panes, see SBL__POLISHED. Textures count as 1. */
+/* Returns 1 if the material is metal that is a blurred mirror in the reflections of panes, see SBL__POLISHED.
+   Assumes that all texels are 1. */
 static int sbl__material_polished(const sbl_material *m) {
     return m->metallic > 0 && m->roughness >= SBL__MIRROR && m->roughness < SBL__POLISHED;
 }
@@ -7053,11 +7061,12 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps: emitting triangles, lights, and what is too bright for random rays: texels of the
-   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Directional lights and
-   texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of distant lamps,
-   hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps (lamps.glsl).
-   One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then the glows.
+   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two things that are too bright for
+   random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow). Directional
+   lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of
+   distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps
+   (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then
+   the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
@@ -7126,8 +7135,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
-#define SBL__SPOT_EDGE 0.001          /* from the inner to the outer cone of a spot, 1 - cosine grows by at least this
-                                         fraction of its value at the outer cone */
+#define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: outer minus inner cone, as a fraction of
+                                         the outer cone. A cone is measured as 1 - cosine of its angle */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
@@ -7890,8 +7899,8 @@ static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const 
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
    first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
-   ray that is shorter than half a cell is near: near rays have cells of their own, other than those of far rays. Leaves
-   in which the light varies are divided by further cuts.
+   ray is near if it is shorter than half a cell, and otherwise far. Near and far rays read separate cells. Leaves in
+   which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -8503,7 +8512,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Logs warnings about scenes whose size or place makes light inexact. Returns 1 if there are none. quiet: 1: logs
+/* Logs warnings about scenes whose size or position makes light inexact. Returns 1 if there are none. quiet: 1: logs
    nothing */
 static int sbl__scene_warn_size(const sbl__base *base, const sbl__geometry *g, int quiet) {
     const double away = g->hosts_extent - g->diagonal;
@@ -8963,7 +8972,8 @@ static uint32_t sbl__side_of_patch(uint32_t patch) {
     return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
 }
 
-/* Comparison function for qsort: orders cells by sbl__side_of_patch, then by patch word, then by coordinates. */
+/* Comparison function for qsort: orders cells by the side of their patch (sbl__side_of_patch), then by their patch word
+   (sbl__patch_word), then by coordinates. */
 static int sbl__bright_order(const void *first, const void *second) {
     const sbl__bright_cell *a = (const sbl__bright_cell *)first, *b = (const sbl__bright_cell *)second;
     const uint32_t x[5] = { sbl__side_of_patch(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
@@ -9707,7 +9717,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>window
-   Where a part of a picture or lightmap, its window, lies in the whole, and which pixels around it are made, too. */
+   A window is a part of a picture or lightmap. This room computes where the window lies in the whole, and which pixels
+   around it are made, too. */
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
    tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
@@ -9792,8 +9803,9 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-/* Returns 1 if a tile is refined: if the error of at least one of its pixels counts or, in a window with rings, if it
-   is at most its own size away from the window. from, to: upper left and lower right pixels of the tile, x and y */
+/* Returns 1 if a tile is refined. The error of at least one of its pixels must count. In a window with rings of tiles,
+   it suffices that the tile is at most its own size away from the window. from, to: upper left and lower right pixels
+   of the tile, x and y */
 static int sbl__window_refines(const sbl__window *w, const int from[2], const int to[2]) {
     const int span = 1 + SBL__MAX(to[0] - from[0], to[1] - from[1]);
     const int reach = SBL__MAX(w->margin, w->rings ? span + 1 : 0);
@@ -9815,7 +9827,7 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
 #define SBL__ATLAS_WORDS 4
 #define SBL__ATLAS_FAR 1e30f    /* the squared distance of a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* instead of a distance: the texel's centre lies well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, near an edge */
+#define SBL__ATLAS_EDGE -0.5f   /* instead of a distance: the texel's centre lies in the triangle, close to an edge */
 #define SBL__ATLAS_TOUCH 0.01   /* in texels. Programs that unwrap scenes put charts on the borders of texels; without
                                    this limit, rounding would decide if the texel beyond shows the chart */
 #define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this * its length */
@@ -10001,7 +10013,7 @@ static void sbl__extend(double *from, double *to, double x) {
     *to = SBL__MAX(*to, x);
 }
 
-/* Computes the place of a triangle of the scene in the map. */
+/* Computes the position of a triangle of the scene in the map. */
 static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     double low = DBL_MAX, high = -DBL_MAX;
@@ -10067,7 +10079,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point on or near a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
+/* Moves a point on or close to a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -10338,7 +10350,7 @@ static sbl_result sbl__atlas_mark_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if a triangle is narrow above a side. */
+/* Returns 1 if a triangle is narrow: its height above the side is at most twice facet_limit. */
 static int sbl__atlas_is_narrow(const sbl__atlas *a, uint32_t triangle, uint32_t side) {
     const sbl__geometry *g = a->geometry;
     const float *p = g->vertices[g->indices[side]].position;
@@ -10446,7 +10458,7 @@ typedef struct sbl__camera {
     double eye[3];             /* origin of view space, relative to `centre` */
     float centre[3];           /* see sbl__geometry */
     double right[3], up[3], back[3];  /* axes of view space in world space: unit vectors */
-    float world_to_view[16], view_to_clip[16];  /* of the working grid */
+    float world_to_view[16], view_to_clip[16];  /* matrices for the working grid */
     float whole_to_clip[16];   /* view_to_clip of the whole picture */
     int whole[2], first[2];    /* size of the whole picture; position of the working grid in it; see sbl__window */
     int orthographic;
@@ -10840,8 +10852,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light\n",
-"const int SBL_PANES = 56;               // SBL_MIRRORS does not count the first panes, up to this many, but counts\n",
-"                                        // further panes\n",
+"const int SBL_PANES = 56;               // up to this many panes do not count as mirrors (SBL_MIRRORS); further\n",
+"                                        // panes do\n",
 "\n",
 "// The surface that a pixel shows in mirrors and behind panes\n",
 "struct sbl_Mirrored {\n",
@@ -11672,9 +11684,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
    In scenes with reflections, much of the noise is light of lamps that surfaces close by reflect, and adjacent pixels
-   see this light in different directions. Guides then stand closer together. A scout counts for the guide of another
-   pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image of the
-   lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
+   see this light in different directions. Guides then stand closer together. The light of a scout is added to the guide
+   of another pixel in the direction in which that pixel sees the scout's hit or, if the hit is a flat mirror, the image
+   of the lamp (Ruppert, Herholz and Lensch 2020, "Robust Fitting of Parallax-Aware Mixtures for Path Guiding").
 
    The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
    "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
@@ -11700,7 +11712,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__SCOUTS_AWAY 5         /* a window sends scouts up to this number of half first-level tiles around it */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
-/* A guide for which the scouts of the pixel sbl__guides.scout count */
+/* A guide that receives the light that the scouts of the pixel sbl__guides.scout find */
 typedef struct sbl__receiver {
     const struct sbl__pixel *pixel;  /* the guide's pixel */
     double right[3], up[3];     /* sbl__frame of the pixel's normal */
@@ -11715,10 +11727,10 @@ typedef struct sbl__guides {
     int columns, rows;          /* size of the part of the guides' grid that lies in the working grid */
     int step;                   /* distance between neighbours of the guides' grid, in pixels of the picture */
     int scouts;                 /* number of scouts per pixel of the grid */
-    int reach;                  /* scouts count for guides up to this number of columns and rows away */
-    int parallax_aware;         /* 1: a guide near a scout counts its light in another direction than the scout, see
-                                   sbl__scout_spread */
-    sbl__receiver *receivers;   /* the guides for which scouts of the pixel `scout` count */
+    int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
+    int parallax_aware;         /* 1: the light of a scout is added to other guides in the directions in which their
+                                   pixels see it, see sbl__scout_spread */
+    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
@@ -12568,7 +12580,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually\n",
 "// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
-"uniform int rays;                     // maximum number of rays per look, without those to rims and point lights\n",
+"uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points\n",
 "uniform float scale;                  // factor from R to the output\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
@@ -14738,7 +14750,7 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1 + spec->groups; }
 
 /* Returns the standard error, as a fraction of R, of layers 1 to 4 of a look whose R has no noise; 0 for views and
-   no_light. The error comes from rays near the horizon, which are few and have the largest weights in harmonics. */
+   no_light. The error comes from rays close to the horizon, which are few and have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
@@ -14923,8 +14935,8 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts the round of looks of one kind (`lens`). Returns SBL_ERROR_UNSUPPORTED if a texture cannot hold the
-   results. */
+/* Starts a round of looks. lens: kind of these looks, SBL__LENS_SITE or SBL__LENS_STUCK. Returns SBL_ERROR_UNSUPPORTED
+   if a texture cannot hold the results. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size;
@@ -15236,12 +15248,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
 
 /* Evaluates the result of the round's next look. found: the look's texel in each texture of results
 
-   A sensor is stuck if its offset moved it through another surface into a body. A look's share of back faces does not
-   prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. Therefore a
-   site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from the sensor
-   back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the walls of
-   the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than SBL__STUCK_SHARE of the
-   offset, the reading is invalid. */
+   A sensor is stuck if its offset moved it through another surface into a body. A look's fraction of back faces does
+   not prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls.
+   Therefore a site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from
+   the sensor back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the
+   walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
+   SBL__STUCK_SHARE of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
@@ -15413,8 +15425,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* ======================================================================================================== >>bounce
    Fills the store of bounced light. This room declares the data and the stages of this work. The rooms from >>cast to
-   >>storing do the work. Of all their functions, later rooms call only sbl__bounce_step, sbl__bounce_progress and
-   sbl__bounce_end.
+   >>storing do the work. Later rooms call only three functions of these rooms: sbl__bounce_step, sbl__bounce_progress
+   and sbl__bounce_end.
 
    Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
    SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
@@ -15465,7 +15477,7 @@ typedef struct sbl__hit {
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
     uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
                           before that only if `current` is 1 */
-    uint16_t albedo[3];  /* of the surface, see sbl__albedo_pack */
+    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
     uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_place sets it for
                           any queued hit; it is tested only for hits of points' rays */
@@ -15651,7 +15663,7 @@ typedef struct sbl__bounce {
 
 /* ======================================================================================================== >>cast
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
-   that the rays of points find by way of metal (sbl__bounce_point.shine). */
+   that the rays of points find after they have hit metal (sbl__bounce_point.shine). */
 
 #define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
@@ -15681,11 +15693,11 @@ static const char *const sbl__glsl_cast[] = {
 "#define sbl_write_ray(name, ray, value) name = value\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
-"// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal\n",
+"// rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal\n",
 "SBL_OUT(2, out_shine);\n",
 "#ifdef SBL_GROUPS\n",
-"// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *\n",
-"// layer of the rest, which comes from a lamp\n",
+"// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
+"// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
 "vec4 parts;\n",
@@ -15754,7 +15766,7 @@ static const char *const sbl__glsl_cast[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Writes the light that a ray has found by way of metal.\n",
+"// Writes the light that a ray has found after it hit metal.\n",
 "void sbl_cast_write_shine(int ray, vec4 shine) {\n",
 "    sbl_write_ray(out_shine, ray, shine);\n",
 "#ifdef SBL_GROUPS\n",
@@ -15762,13 +15774,14 @@ static const char *const sbl__glsl_cast[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Lets a ray go on that has hit metal, and writes what it finds.\n",
+"// Continues a ray that has hit metal, and writes the light that it finds.\n",
 "void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
 "    hit_shines = true;\n",
 "    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
-"    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.\n",
+"    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that\n",
+"    // the sky's light is not added again.\n",
 "    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
 "}\n",
 "#endif\n",
@@ -15922,8 +15935,8 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
     return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
 }
 
-/* Adds the light that a point's ray finds by way of metal to the point's shine. parts: out_parts of cast.glsl; NULL
-   without light groups */
+/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. parts: out_parts of
+   cast.glsl; NULL without light groups */
 static void sbl__cast_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
@@ -16234,7 +16247,7 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD places
+/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD positions
    behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
    before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
    only the leaf's state is prefetched. */
@@ -16991,7 +17004,7 @@ static sbl_result sbl__solution_reads_make(void *work, sbl__slice *slice) {
 }
 
 /* Returns 1 if the iteration reads the light of the leaf that a ray hits: the leaf's state `bright` is 0, or the ray
-   has come by way of metal. */
+   has hit metal before. */
 static int sbl__hit_is_read(const sbl__bounce *b, const sbl__hit *hit) {
     return hit->leaf != SBL__NOWHERE && (!b->states[hit->leaf].bright || hit->by_metal);
 }
@@ -17082,7 +17095,7 @@ static sbl_result sbl__solution_gather(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* NaN becomes SBL__BOUNCE_MOST, too */
         b->balance.direct[k] += (double)direct;
         b->balance.before[k] += (double)light[k];
         b->balance.after[k] += (double)next;
@@ -17200,7 +17213,7 @@ static sbl_result sbl__solution_layers_gather(void *work, int at) {
     for (k = 0; k < floats; k++) {
         const float direct = b->direct_layers[(size_t)floats * (size_t)at + (size_t)k];
         const float whole = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* SBL__BOUNCE_MOST also if `whole` is NaN */
+        const float next = SBL__MIN(whole, SBL__BOUNCE_MOST);  /* NaN becomes SBL__BOUNCE_MOST, too */
         b->layer_balance[k].direct += (double)direct;
         b->layer_balance[k].before += (double)light[k];
         b->layer_balance[k].after += (double)next;
@@ -17251,12 +17264,13 @@ static int sbl__solution_grouped_leaves(void *work) {
 }
 
 /* ======================================================================================================== >>division
-   Light varies most near lamps, and many rays read some leaves while few read others. Once the light is known, the
-   leaves that contribute most to the error are divided, and both parts get points. A leaf that very many rays read gets
-   further points, because its error makes the whole scene too bright or too dark. This decision uses the variance of
-   all points in a region, not that of one leaf: otherwise, leaves with one point that is bright by chance would be
-   divided and become darker, and leaves that are dark by chance would stay as they are. This room adds cuts, and raises
-   the maximum number of points of leaves; the stages from RELOCATE on do the rest. */
+   Divides leaves in which the light varies. Light varies most close to lamps, and some leaves are read by more rays
+   than others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get
+   points. A leaf that very many rays read gets further points, because its error makes the whole scene too bright or
+   too dark. This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one
+   point that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as
+   they are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
+   rest. */
 
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
 #define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
@@ -17608,7 +17622,7 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 }
 
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
-   Candidates are leaves that far rays read and whose radiance is more than SBL__BRIGHT_LEAST * the mean. */
+   Candidates are leaves that far rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -17670,8 +17684,8 @@ static int sbl__bright_after_glow(void *work) {
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
-    for (i = 0; i < b->store->leaf_count; i++)  /* Rays by way of metal read bright leaves, whose red counts without its
-                                                   sign. sbl__uncertainty_leaf sets the sign again. */
+    for (i = 0; i < b->store->leaf_count; i++)  /* Rays that have hit metal read bright leaves. They need red
+                                                   without its sign, which sbl__uncertainty_leaf sets again. */
         b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
@@ -17679,8 +17693,9 @@ static int sbl__bright_after_glow(void *work) {
 /* ====================================================================================================== >>uncertainty
    The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of
    random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty of the light
-   gathered there. A second part of the uncertainty is the variation of the light within near cells. While this room
-   works, leaves hold noise in place of their light. In the end they have their light again, and their uncertainty. */
+   gathered there. A second part of the uncertainty is the variation of the light within cells that are close to a
+   point. While this room works, leaves hold noise in place of their light. At the end, it restores their light and adds
+   their uncertainty. */
 
 #define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
                                       sbl__uncertainty_after_noise */
@@ -18002,7 +18017,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    /* Matte materials add nothing to the hash: stores that versions without reflections saved remain valid. */
+    /* Matte materials add nothing to the hash, so that stores of versions without reflections remain valid. */
     for (i = 0; i < g->mesh_count; i++) {
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
@@ -18314,7 +18329,7 @@ typedef struct sbl__sensor {
     int look;                 /* index of the sensor's first look among all looks of its job */
     int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
     int looks, wanted;        /* number of looks so far; number of looks at the end of the round */
-    short round;              /* index of the last round that read the sensor; 0 also if no round has */
+    short round;              /* index of the last round that read the sensor; also 0 before it is read */
     unsigned char level;      /* 1 + level of the tile that put the sensor here; 0: the light is from the store */
     unsigned char sensed;     /* 1: radiance is known */
     unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__places_validate */
@@ -18666,14 +18681,14 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
                                            difference) of the light that it continues */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
                                            R and the mean R */
-#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is near, which may cast a
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is close, which may cast a
                                            shadow */
 #define SBL__NARROW_ERROR 0.6f          /* replaces SBL__SILHOUETTE_ERROR and SBL__CONTACT_ERROR in lightmaps if no
                                            other sensor stands across the chart: light changes much across narrow
                                            charts, which are reveals, frames and mouldings. In a room that was measured,
                                            R differs from one side to the other by more than 0.17 of its mean in half of
                                            the charts that are two texels wide, and by more than 0.92 in a tenth */
-#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is near if its distance is less than this * the distance
+#define SBL__CONTACT_DISTANCE 2.5f      /* another surface is close if its distance is less than this * the distance
                                            between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
@@ -19300,7 +19315,7 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
    SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__places_occlusion). A texel that is not hidden
    is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
    SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their share of its hemisphere is above SBL__HIDDEN_ALL. A sensor is behind a
+   sensor sees nothing but back faces if their fraction of its hemisphere exceeds SBL__HIDDEN_ALL. A sensor is behind a
    surface, for example under the floor that a chair's foot pierces, if back faces are more than SBL__HIDDEN_BACK of the
    surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the nearest is closer than
    distance_limit. */
@@ -19544,9 +19559,9 @@ static int sbl__guides_are_few(const sbl__refine *r, int step, int most) {
     return columns * ((r->window.whole[1] - 1) / step + 1) < most;
 }
 
-/* Chooses the distance between guides and the number of scouts at each. Where surfaces reflect, bright places are often
-   close and narrow: there, guides are half as far apart if this gives few enough, and a quarter of the scouts is sent
-   from each, so that all together are as many. */
+/* Chooses the distance between guides and the number of scouts per guide. In scenes with reflections, bright places are
+   often close and narrow. The distance is then halved, unless this gives too many guides, and each guide has a quarter
+   of the scouts. The total number of scouts stays the same. */
 static void sbl__guides_choose(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     g->parallax_aware = (r->core->scene.features & SBL__SPECULAR) != 0;
@@ -19578,10 +19593,10 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->receivers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns 1 if scouts at this pixel may count for a guide of a sensor that matters: a sensor takes a guide less than
-   one step away, which takes scouts up to sbl__guides.reach steps away. The sensors of the window matter and, in a
-   window with rings, those of tiles beside it. Where guides are far apart, scouts further away than the limit serve
-   little, and take much time. */
+/* Returns 1 if sensors of the window may need scouts at this pixel. A sensor uses a guide that is less than one step
+   away, and the guide receives light of scouts that are up to sbl__guides.reach steps away. In a window with rings, the
+   sensors of tiles beside the window need scouts, too. If guides are far apart, SBL__SCOUTS_AWAY limits the distance,
+   because scouts beyond it take much time and improve the picture little. */
 static int sbl__scouts_serve(const sbl__refine *r, int index) {
     const int beside = r->window.rings ? r->tile_size + 1 : 0;
     const int away = beside + (r->guides.reach + 1) * r->guides.step - 1;
@@ -19610,8 +19625,8 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns the weight with which the scouts of pixel p count for the guide of pixel `own`. In the guides' grid, the two
-   pixels are `right` columns and `below` rows apart. */
+/* Returns the weight of the scouts of pixel p in the guide of pixel `own`. In the guides' grid, the two pixels are
+   `right` columns and `below` rows apart. */
 static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, const sbl__pixel *p, int right,
                                 int below) {
     static const float weights[2][SBL__GUIDE_REACH + 1] = { { 1, 0.7f, 0.3f, 0, 0 }, { 1, 0.85f, 0.7f, 0.5f, 0.3f } };
@@ -19619,7 +19634,7 @@ static float sbl__scouts_weight(const sbl__refine *r, const sbl__pixel *own, con
     return row[abs(right)] * row[abs(below)] * sbl__guide_fits(own, p);
 }
 
-/* Lists the guides around the grid pixel at `column` and `row` for which its scouts count. */
+/* Lists the guides that receive the light of the scouts of the grid pixel at `column` and `row`. */
 static void sbl__receivers_list(sbl__refine *r, int column, int row) {
     sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -19642,7 +19657,7 @@ static void sbl__receivers_list(sbl__refine *r, int column, int row) {
         }
 }
 
-/* Returns the index of the bin in which a guide sees a place, or -1 if it is below the horizon. */
+/* Returns the index of the bin in which a guide sees a position, or -1 if it is below the horizon. */
 static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
     double x = 0, y = 0, z = 0, length2 = 0, angle;
     int k;
@@ -19658,8 +19673,8 @@ static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
     return sbl__guide_bin(SBL__MAX(1 - z * z / length2, 0.0), angle < 0 ? angle + 1 : angle);
 }
 
-/* Returns how far away the light that a scout has found seems to be: as far as the scout's hit, or as the image of a
-   lamp that a flat mirror shows there. 0: infinitely far */
+/* Returns the apparent distance of the light that a scout has found: the distance of the scout's hit or, if a flat
+   mirror there shows a lamp, the distance of the lamp's image. 0: infinitely far */
 static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], const float direction[3], float hit) {
     const float margin = 1e-3f * hit;
     int i, k;
@@ -19680,8 +19695,8 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
 }
 
 /* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
-   around it, each of which sees the place where the light seems to be in a direction of its own. Light below the mean R
-   adds little to the noise; it is taken to be in the scout's direction, which takes less time. */
+   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light
+   below the mean R adds little to the noise. To save time, all guides get it in the scout's direction. */
 static void sbl__scout_spread(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -19783,9 +19798,9 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
-#define SBL__GOAL_SHARE 0.6             /* a round aims at no less than this * the present squared error, since new
+#define SBL__GOAL_SHARE 0.6             /* a round does not aim below this * the present squared error, since new
                                            readings may change what is worth buying */
-#define SBL__GOAL_REST 1.1              /* a round aims at no less than this * the squared error that neither looks nor
+#define SBL__GOAL_REST 1.1              /* a round does not aim below this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
                                            force all others to the best possible quality */
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
@@ -20255,7 +20270,7 @@ static int sbl__refine_after_restart(void *work) {
     return SBL__REFINE_LIST;
 }
 
-/* With a price, ends no earlier than the round that buys everything worth the price. */
+/* With a price, refinement does not end before the round that buys everything worth the price. */
 static int sbl__refine_after_spend(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     const int lowers = r->price > 0 && r->rounds <= SBL__PRICE_ROUNDS;
@@ -20350,8 +20365,8 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_calibrate(r);
 }
 
-/* Sets where the working grid lies in the whole picture. The errors of pixels in the window, and of those around it
-   that the filter or anti-aliasing may read, count (see sbl__window_counts). */
+/* Sets where the working grid lies in the whole picture. Errors count only in the window, and at pixels around it that
+   the filter or anti-aliasing may read (see sbl__window_counts). */
 static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
@@ -21428,7 +21443,7 @@ typedef struct sbl__front_end {
     int stage_count;
     /* Returns the field of sbl_stats to which the duration of the current stage is added, in seconds, or NULL. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1; only >>map includes the store */
+    float (*progress)(const void *work);  /* returns the finished fraction, 0 to 1. >>map counts the store, too */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
@@ -21623,7 +21638,7 @@ typedef struct sbl__map {
     int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
-    sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
+    sbl_stats glimpse_stats;    /* the statistics before the glimpse, which are restored after it */
     float finished;             /* finished fraction of the front end's own stages, 0 to 1 */
     double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
                                    and tiles (gather + refine), [1]: number of looks */
@@ -22858,7 +22873,7 @@ typedef struct sbl__lightmap {
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
     sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and even seams */
     float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are finished, 4 floats per texel */
-    sbl__map_image mean;        /* if supersample is above 1: per texel, mean R of its working pixels; no gutters */
+    sbl__map_image mean;        /* used if supersample > 1: mean R of each texel's working pixels, without gutters */
 } sbl__lightmap;
 
 static void sbl__lightmap_free(void *work) {
@@ -24196,7 +24211,7 @@ typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_ligh
 typedef struct sbl__probe_sum {
     int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
     float position[3];             /* position in this round, as the host sees it */
-    sbl__probe_light light[SBL__LAYERS_MOST];  /* by layer of light: of all light, then of each light group */
+    sbl__probe_light light[SBL__LAYERS_MOST];  /* per layer: 0: all light; from 1 on: the light groups */
     double hits, back;             /* number of rays that hit a surface; number of those that hit a back face */
     double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
@@ -24947,7 +24962,7 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel near the centre shows the
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1: a pixel close to the centre shows the
    triangle at the right position, and a corner pixel outside the triangle shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     static const sbl__window window = { { SBL__TRIAL_SIZE, SBL__TRIAL_SIZE }, { 0, 0 },

@@ -22,7 +22,7 @@
 
 /* The facts of a part are texts. All except the last two must be the same in all parts. */
 enum {
-    BAKE_VERSION,   /* of sbl.h */
+    BAKE_VERSION,   /* the version of sbl.h */
     BAKE_SCENE,     /* hash of meshes, materials, lights and sky, from sbl_scene_fingerprint */
     BAKE_WHAT,      /* "vertices", or the name of the set of probes */
     BAKE_OPTIONS,   /* the options that change the light, as the user gave them */

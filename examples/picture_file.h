@@ -129,7 +129,7 @@ typedef struct picture_writer {
     exr_context_t exr;
     exr_encode_pipeline_t encoder;
     int encodes;             /* 1: the encoder is initialised */
-    exr_result_t (*compress)(exr_encode_pipeline_t *encoder);  /* of OpenEXR; picture__compress calls it */
+    exr_result_t (*compress)(exr_encode_pipeline_t *encoder);  /* OpenEXR's, which picture__compress calls */
 #endif
 } picture_writer;
 

@@ -13,7 +13,7 @@
 
 /* The facts (picture_fact) that a part contains. All except the last two must be the same in all parts. */
 enum {
-    FACT_VERSION,   /* of sbl.h */
+    FACT_VERSION,   /* the version of sbl.h */
     FACT_SCENE,     /* hash of meshes, materials, lights and sky, from sbl_scene_fingerprint */
     FACT_CAMERA,    /* hash of the matrices of the camera */
     FACT_OPTIONS,   /* the options that change the picture, as the user gave them */
@@ -24,7 +24,7 @@ enum {
     FACT_PRICE,     /* price, specular_price and look_rays of sbl_picture_desc */
     FACT_EXPOSURE,  /* in stops; 0 if the channel has no exposure */
     FACT_RENDERER,  /* GL_RENDERER */
-    FACT_PART,      /* such as "3/16", or empty */
+    FACT_PART,      /* the number of this part, such as "3/16", or empty */
     FACT_COUNT
 };
 

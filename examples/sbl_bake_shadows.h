@@ -21,7 +21,7 @@ typedef struct shadow_mask {
     sbl_light lights[SHADOW_LIGHTS];
     int count, bakes;              /* number of lights in the mask; number of bakes begun so far */
     image mask;                    /* four components; a component without a light is 1 */
-    float *light, *ids;            /* of one light: R, 3 floats per texel; ids of charts, 0: no surface */
+    float *light, *ids;            /* for one light: R, 3 floats per texel; ids of charts, 0: no surface */
     size_t texels;
 } shadow_mask;
 

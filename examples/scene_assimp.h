@@ -141,7 +141,7 @@ typedef struct scene__reader {
     double triangles, vertices;  /* sums over all uses of meshes */
     unsigned best_camera;
     const struct aiNode *camera_node;  /* node of best_camera; NULL if the file has no camera */
-    scene__motion motion;              /* of camera_node, if the options ask for frames */
+    scene__motion motion;              /* motion of camera_node, if the options ask for frames */
     struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* lights of the file, sorted by name */
     sbl_light *lights;
 } scene__reader;

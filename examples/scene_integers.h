@@ -23,7 +23,7 @@ enum { SCENE__BYTE = 5120, SCENE__UNSIGNED_BYTE, SCENE__SHORT, SCENE__UNSIGNED_S
 
 typedef struct scene__integers {
     scene_file *file;
-    const char *path;    /* of the .gltf */
+    const char *path;    /* path of the .gltf file */
     scene__bytes inside; /* the binary part of a .glb */
     cJSON *root, *views;
     cJSON **accessor, **view;  /* items of the file's lists, because cJSON finds an item only by counting */

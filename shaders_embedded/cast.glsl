@@ -12,11 +12,11 @@ SBL_OUT(1, out_albedo);
 #define sbl_write_ray(name, ray, value) name = value
 #endif
 #ifdef SBL_BOUNCED  // the scene has metal
-// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has hit metal
+// rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal
 SBL_OUT(2, out_shine);
 #ifdef SBL_GROUPS
-// rgb: the part of out_shine.rgb that the segment after the metal finds; a: layer of this part + SBL_CAST_LAYERS *
-// layer of the rest, which comes from a lamp
+// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
+// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light
 SBL_OUT(3, out_parts);
 #endif
 vec4 parts;
@@ -85,7 +85,7 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 }
 
 #ifdef SBL_BOUNCED
-// Writes the light that a ray has found by way of metal.
+// Writes the light that a ray has found after it hit metal.
 void sbl_cast_write_shine(int ray, vec4 shine) {
     sbl_write_ray(out_shine, ray, shine);
 #ifdef SBL_GROUPS
@@ -93,13 +93,14 @@ void sbl_cast_write_shine(int ray, vec4 shine) {
 #endif
 }
 
-// Lets a ray go on that has hit metal, and writes what it finds.
+// Continues a ray that has hit metal, and writes the light that it finds.
 void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
     sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
     uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
     hit_shines = true;
     sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
-    // A ray that hits nothing already has the sky's light. Its out_position is near, so that none is added.
+    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that
+    // the sky's light is not added again.
     sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);
 }
 #endif

@@ -71,8 +71,8 @@ const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect th
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
 const float SBL_PANE = 0.499;           // a surface is a pane if it transmits at least this fraction of light
-const int SBL_PANES = 56;               // SBL_MIRRORS does not count the first panes, up to this many, but counts
-                                        // further panes
+const int SBL_PANES = 56;               // up to this many panes do not count as mirrors (SBL_MIRRORS); further
+                                        // panes do
 
 // The surface that a pixel shows in mirrors and behind panes
 struct sbl_Mirrored {

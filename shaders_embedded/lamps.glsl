@@ -12,7 +12,7 @@
 // One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually
 // stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl
-uniform int rays;                     // maximum number of rays per look, without those to rims and point lights
+uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points
 uniform float scale;                  // factor from R to the output
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;

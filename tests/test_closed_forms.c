@@ -902,8 +902,8 @@ TEST(matrices_place_points) {
           "a direction of length 0, one along up, or an impossible angle gives a matrix");
 }
 
-/* sRGB bytes: every byte comes back from its linear value by IEC 61966-2-1, half a step decides, what is no number is
-   black, and infinite numbers keep their sign. */
+/* sbl_encode_srgb8 converts the linear value of each byte (IEC 61966-2-1) to this byte, and rounds to the nearest byte.
+   It converts NaN and negative infinity to 0, and positive infinity to 255. */
 TEST(bytes_are_srgb) {
     static const float odd[8] = { -1, 0, 1, 7, 0, 0, 0, 0.5f };
     static const unsigned char expected[8] = { 0, 0, 255, 255, 255, 0, 0, 188 };

@@ -94,7 +94,7 @@ static void places_record(fake_fault fault) {
 }
 
 /* Chooses every third of the places with different chains of calls, starting with number `first` modulo 3, and one that
-   no run reaches. Of missing functions, it chooses every fifth. Returns the number of places that the run reached. */
+   no run reaches. Chooses every fifth of the missing functions. Returns the number of places that the run reached. */
 static int places_choose(int first) {
     const int step = places.fault == FAKE_LOOKUP ? 5 : 3;
     int i, k, different = 0;

@@ -1331,7 +1331,7 @@ TEST(facets_at_sharp_edges_show_true_normals) {
     static const struct {
         int shape, squares, texels, columns[2];
         const char *name;
-        double least, most;  /* of the angle */
+        double least, most;  /* limits of the angle */
     } runs[] = {
         { PIPE, 4, 8, { 0, 0 }, "square bar, sides of 2 texels", 20, 30 },
         { PIPE, 4, 64, { 0, 0 }, "square bar, sides of 16 texels", 0, 0.1 },
