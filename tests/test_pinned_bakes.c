@@ -7,6 +7,7 @@
 #include "support/pins.h"
 #include "support/gl_watch.h"
 #include "support/lightmap.h"
+#include "support/inside.h"
 
 enum { GROUPS = 3, SIZE = 40, HEIGHT = 32, TEXELS = SIZE * SIZE, LAYERS = 5 };
 enum { LAMPS, LIGHTS, SKY };  /* the light groups */
@@ -90,6 +91,30 @@ static int set_room(int glossy, int cells) {
     if (glossy) polish(&s);
     desc = scene_desc(&s);
     desc.max_bounce_cells = cells;
+    desc.light_groups = GROUPS;
+    desc.sky_group = SKY;
+    return sbl_set_scene(context, &desc) == SBL_SUCCESS;
+}
+
+/* Makes a closed room in which a spot light shines at the ceiling from below, where the bright place is a lamp. A dim
+   light belongs to another light group. */
+static int set_glow_room(uint32_t ground_flags) {
+    static test_scene s;
+    sbl_scene_desc desc;
+    int white, blue;
+    scene_free(&s);
+    white = scene_material(&s, 0.8f, 0.7f, 0.6f);
+    blue = scene_material(&s, 0.5f, 0.6f, 0.7f);
+    s.materials[blue].flags = ground_flags;
+    scene_box(&s, white, -1.01f, -0.01f, -0.99f, 1.02f, 2.03f, 1.04f);
+    uv_rectangle(&s, scene_quad(&s, blue, -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1), 0.03f, 0.03f, 0.57f, 0.57f);
+    scene_box(&s, white, -0.6f, 0.4f, -0.4f, -0.1f, 0.6f, 0.1f);
+    lit_from(scene_light(&s, SBL_LIGHT_SPOT, 9, 8, 6), 0.33f, 1.4f, 0.21f, 0.1f, 1, 0);
+    s.lights[0].cone = 40;
+    lit_from(scene_light(&s, SBL_LIGHT_POINT, 0.2f, 0.1f, 0.3f), -0.5f, 1, 0.6f, 0, 0, 0);
+    s.lights[1].light_group = LAMPS;
+    desc = scene_desc(&s);
+    desc.max_bounce_cells = 2000;
     desc.light_groups = GROUPS;
     desc.sky_group = SKY;
     return sbl_set_scene(context, &desc) == SBL_SUCCESS;
@@ -253,6 +278,7 @@ static hash grouped_lightmap(void) {
     sbl_lightmap_desc desc = room_map(SBL_MODE_GI);
     desc.grouped = 1;
     desc.supersample = 2;
+    desc.facet_limit = 1;
     return lightmap(&desc);
 }
 
@@ -378,6 +404,21 @@ static hash stored_picture(void) {
     return h;
 }
 
+static hash glow_picture(void) {
+    hash h;
+    if (!set_glow_room(0)) return 0;
+    h = picture(view_of(SBL_MODE_GI));
+    CHECK(inside_glow_count(context) > 0, "no place is bright enough to be a lamp");
+    return h;
+}
+
+/* The ground has no sensors and shows the stored light of each group. */
+static hash stored_lightmap(void) {
+    sbl_lightmap_desc desc = room_map(SBL_MODE_GI);
+    desc.grouped = 1;
+    return set_glow_room(SBL_MATERIAL_NO_SENSORS) ? lightmap(&desc) : 0;
+}
+
 /* Cases run in this order; a case without set_room uses the scene of the case before it. */
 static const struct { const char *name; hash (*make)(void); } cases[] = {
     { "glossy_picture", glossy_picture },
@@ -398,7 +439,9 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
     { "rasterised_readings", rasterised_readings },
     { "probes", probes },
     { "store", store },
-    { "stored_picture", stored_picture } };
+    { "stored_picture", stored_picture },
+    { "glow_picture", glow_picture },
+    { "stored_lightmap", stored_lightmap } };
 
 enum { CASES = sizeof cases / sizeof *cases };
 
@@ -412,7 +455,7 @@ static const hash llvmpipe_15[CASES] = {
     0x490ca53a3891606du,  /* plain_picture */
     0x065707dca533093du,  /* changed_picture */
     0xfd11f5b28c5d7a40u,  /* directional_lightmap */
-    0x2f0bdb647b216dd0u,  /* grouped_lightmap */
+    0x45961fb5d338e590u,  /* grouped_lightmap */
     0xe2f40a569a1a355bu,  /* joined_lightmap */
     0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
     0x51c33c84e090fc41u,  /* averaged_vertices */
@@ -421,7 +464,9 @@ static const hash llvmpipe_15[CASES] = {
     0x2e4e69bf80082469u,  /* rasterised_readings */
     0x0847021c63b8d9cbu,  /* probes */
     0x422e71e1efcfab69u,  /* store */
-    0x5a7a13e76ffc8febu  /* stored_picture */
+    0x5a7a13e76ffc8febu,  /* stored_picture */
+    0x5bb54391331b2151u,  /* glow_picture */
+    0x98f012369aa0d71eu  /* stored_lightmap */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 
