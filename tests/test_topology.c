@@ -451,6 +451,126 @@ TEST(light_is_linear_beside_silhouettes) {
                       missing, x, y, k, (double)m.light[k], expected);
             }
         }
+        for (i = 0; i < 3; i++) {  /* the tile has extrapolated light; with a threshold; in the paper's mode */
+            const sbl__range row = { { 4, 7 }, { 7, 7 } };
+            r.threshold = i == 1 ? 1.0f : 0.0f;
+            r.geometry_aware = i != 2;
+            tile.pixels = 0;
+            tile.uncovered = 0;
+            tile.must_split = 0;
+            sbl__tile_count(&r, &tile, &row, 7);
+            CHECK(tile.pixels == 4 && tile.must_split == (i > 0) && (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5),
+                  "way %d, count %d: %d pixels, split %d, uncovered %g", missing, i, tile.pixels, tile.must_split,
+                  (double)tile.uncovered);
+        }
+        r.geometry_aware = 1;
+        r.threshold = 0;
+    }
+}
+
+/* The light of a tile is f = (1 + k y) x^2 + (2 + x) y^2, with x and y from 0 to 4 and channel k. Between two corners it
+   lies below the straight line by half the second difference of the edge * t (1 - t). Second differences change
+   linearly from each edge to the opposite edge, so the light of all pixels is exact. */
+TEST(light_between_sensors_is_curved) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    static float rgba[SIDE * SIDE][4];
+    sbl__sensor *block = sensors;
+    sbl__spec spec;
+    sbl__refine r;
+    sbl__tile tile;
+    sbl__fill fill;
+    float parabolas[4][3];
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    memset(&spec, 0, sizeof spec);
+    memset(&tile, 0, sizeof tile);
+    memset(&fill, 0, sizeof fill);
+    r.spec = &spec;
+    r.geometry_aware = 1;
+    r.luminance = 2;
+    tile.area.x[1] = tile.area.y[1] = 4;
+    tile.bias2 = 0.03f;
+    tile.noise2 = 0.01f;
+    fill.refine = &r;
+    fill.rgba = rgba[0];
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const float x = (float)(i % SIDE), y = (float)(i / SIDE);
+        pixels[i].id = 1;
+        pixels[i].normal[2] = 1;
+        pixels[i].position[0] = x;
+        pixels[i].position[1] = y;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i % SIDE % 4 == 0 && i / SIDE % 4 == 0;
+        sensors[i].looks = 1;
+        sensors[i].variance = 9;
+        for (k = 0; k < 3; k++) sensors[i].radiance[k] = (1 + (float)k * y) * x * x + (2 + x) * y * y;
+    }
+    for (k = 0; k < 3; k++) {  /* second differences * 4^2: above, below, left, right */
+        parabolas[0][k] = 32;
+        parabolas[1][k] = 32 * (1 + 4 * (float)k);
+        parabolas[2][k] = 32 * 2;
+        parabolas[3][k] = 32 * 6;
+    }
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const double x = i % SIDE / 4.0, y = i / SIDE / 4.0;
+        const double across = x * x + (1 - x) * (1 - x), down = y * y + (1 - y) * (1 - y);
+        sbl__fill_pixel(&fill, i % SIDE, i / SIDE, &tile, parabolas);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)rgba[i][k] - (double)sensors[i].radiance[k]) < 1e-3, "pixel %d, channel %d: %g, expected "
+                  "%g", i, k, (double)rgba[i][k], (double)sensors[i].radiance[k]);
+        CHECK(fabs((double)rgba[i][3] - 3 * sqrt(across * down)) < 1e-4, "pixel %d: noise %g", i, (double)rgba[i][3]);
+        CHECK(fabs((double)pixels[i].error - (sensors[i].sensed ? 0.2 : 0.4)) < 1e-5, "pixel %d: error %g", i,
+              (double)pixels[i].error);
+    }
+}
+
+/* Interpolation between the four corners of a wide tile keeps 4/9 of their variance, the mean square of bilinear weights;
+   a filter over n pixels keeps 1/n where each pixel has a sensor. */
+TEST(noise_that_is_left) {
+    static const double expected[3][3] = { { 1, 4 / 9.0, 4 / 9.0 }, { 1 / 9.0, 4 / 17.0, 4 / 9.0 },
+                                           { 1 / 81.0, 4 / 89.0, 4 / 9.0 } };
+    static const int spans[3] = { 1, 2, 16384 };
+    sbl__refine r;
+    int i, k;
+    memset(&r, 0, sizeof r);
+    for (i = 0, r.smoothing = 1; i < 3; i++, r.smoothing *= 9)
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)sbl__noise_left(&r, spans[k]) - expected[i][k]) < 1e-6, "%g pixels, span %d: %g",
+                  (double)r.smoothing, spans[k], (double)sbl__noise_left(&r, spans[k]));
+}
+
+/* Rays may find light if the sky has any colour, if surfaces glow, if a sky has a picture, or in GI. Otherwise a job
+   traces only the rays that measure distances. Sensors that trace rays stand off by the reach of their triangle; those
+   that draw views, whose depth is imprecise, by the extent of the scene. */
+TEST(any_colour_of_the_sky_is_light) {
+    static sbl__scene scene;
+    static sbl__measurement m;
+    sbl_context_desc desc;
+    sbl__spec spec;
+    float picture[4] = { 0, 0, 0, 0 };
+    int i;
+    memset(&desc, 0, sizeof desc);
+    m.options.backend = SBL_BACKEND_TRACE;
+    m.options.rays = 1000;
+    for (i = 0; i < 8; i++) {  /* nothing, 3 colours, glowing surfaces, a picture, GI, all rays */
+        memset(scene.environment.sky, 0, sizeof scene.environment.sky);
+        if (i >= 1 && i <= 3) scene.environment.sky[i - 1] = 1e-6f;
+        m.options.epsilon = i == 4 ? 1e-6f : 0;
+        scene.environment.pixels = i == 5 ? picture : NULL;
+        m.options.mode = i == 6 ? SBL_MODE_GI : SBL_MODE_DIRECT;
+        m.every_ray = i == 7;
+        sbl__spec_make(&spec, &m, &scene, &desc);
+        CHECK(spec.no_light == (i == 0) && spec.rays == (i ? 1000 : SBL__POOL_RAYS), "scene %d: no_light is %d, %d rays",
+              i, spec.no_light, spec.rays);
+    }
+    scene.geometry.extent = 100;
+    for (i = 0; i < 3; i++) {
+        const double offset = (double)SBL__OFFSET * (i == 1 ? 7 : 100);
+        spec.traced = i > 0;
+        CHECK(fabs((double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f) / offset - 1) < 1e-6, "sensor %d stands "
+              "off by %g", i, (double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f));
     }
 }
 
@@ -1049,6 +1169,9 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(light_between_sensors_is_curved);
+    RUN(noise_that_is_left);
+    RUN(any_colour_of_the_sky_is_light);
     RUN(sensors_of_other_surfaces_split_no_tile);
     RUN(first_tiles_end_with_the_picture);
     RUN(the_nearest_guide_is_taken);
