@@ -539,6 +539,10 @@ TEST(noise_that_is_left) {
         for (k = 0; k < 3; k++)
             CHECK(fabs((double)sbl__noise_left(&r, spans[k]) - expected[i][k]) < 1e-6, "%g pixels, span %d: %g",
                   (double)r.smoothing, spans[k], (double)sbl__noise_left(&r, spans[k]));
+    CHECK(fabs(sbl__weigh_pixels(&r) - 1) < 1e-9, "errors without pixels are divided by %g", sbl__weigh_pixels(&r));
+    r.pixels_summed = 3;
+    r.matte_pixels = 4;
+    CHECK(fabs(sbl__weigh_pixels(&r) - 7) < 1e-9, "errors of 7 pixels are divided by %g", sbl__weigh_pixels(&r));
 }
 
 /* Rays may find light if the sky has any colour, if surfaces glow, if a sky has a picture, or in GI. Otherwise a job
@@ -858,6 +862,9 @@ TEST(settled_hits_are_skipped) {
     CHECK(sbl__hit_is_settled(&b, &hits[0], 0), "the hit in a full leaf is not settled");
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS - 1), "a hit before a cut is settled");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit after a cut is not settled");
+    b.cut_leaves = 1;
+    CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit in a leaf that may yet be cut is settled");
+    b.cut_leaves = 3;
     CHECK(!sbl__hit_is_settled(&b, &hits[2], 0), "the hit in a leaf that lacks points is settled");
     hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
@@ -911,6 +918,9 @@ TEST(further_points_do_not_count_more) {
               "%d points: %g rays find %g at the leaf", states[0].points, (double)leaf_found[1].rays,
               (double)leaf_found[1].light);
     }
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++) hits[i].by_metal = 1;
+    sbl__bright_sum_found(&b, 0);  /* light by way of metal is found, but not at the leaf */
+    CHECK(b.found.light > 0 && !(leaf_found[1].rays > 0), "%g rays by way of metal", (double)leaf_found[1].rays);
 }
 
 /* The tests have freed all memory. */
@@ -1077,7 +1087,9 @@ static double glow_area(const sbl__glow *g) {
 TEST(glows_cover_their_cell) {
     static const double corners[3][3] = { { 0, 0, 0.5 }, { 6, 0, 0.5 }, { 0, 6, 0.5 } };
     static const float in_small_cell[3] = { 1.5f, 2.5f, 0.5f }, in_cell[3] = { 0.5f, 0.5f, 0.5f };
-    static const struct { int back, cut; double area; } cases[] = { { 0, 0, 13 }, { 1, 0, -13 }, { 0, 1, 5.5 } };
+    static const struct { int back, cut; double area; } cases[] = {
+        { 0, 0, 13 }, { 1, 0, -13 }, { 0, 1, 5.5 }, { 0, 0, 13 }
+    };
     static sbl__scene scene;
     static sbl__device device;
     static sbl__cell_bucket cells[128];
@@ -1114,12 +1126,13 @@ TEST(glows_cover_their_cell) {
     cut.sides[0] = 1;
     cut.sides[1] = 2;
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) vertices[i].position[k] = (float)corners[i][k];
-    for (i = 0; i < 3; i++) {
+    for (i = 0; i < 4; i++) {
         const uint32_t side = cases[i].back ? SBL__PATCH_BACK : 0;
         const sbl__bright_cell cell = { side | SBL__PATCH_LEVEL, { 0, 0, 0 } };
         sbl__glowing w;
         double area = 0;
         memset(&w, 0, sizeof w);
+        leaves[1].light[0] = i == 3 ? -1.0f : 1.0f;  /* the small cell is bright, too: its glows are its own */
         memset(&scene.bright, 0, sizeof scene.bright);
         memset(cells, 0, sizeof cells);
         w.device = &device;
@@ -1141,6 +1154,7 @@ TEST(glows_cover_their_cell) {
         CHECK(fabs((double)scene.bright.unit - 3) < 1e-6, "the brightest glow is %g", (double)scene.bright.unit);
         /* a polygon of three corners, and corners of an earlier polygon behind them */
         scene.bright.glow_count = 0;
+        leaves[1].light[0] = 1;
         memset(&p, 0, sizeof p);
         memcpy(p.corners, corners, sizeof corners);
         p.corners[3][1] = -9;
@@ -1149,6 +1163,282 @@ TEST(glows_cover_their_cell) {
             CHECK(sbl__glow_add(&w, &p, 1) == SBL_SUCCESS && sbl__glow_add(&w, &p, 0) == SBL_SUCCESS &&
                       scene.bright.glow_count == 1, "%d glows, one has the area 18", scene.bright.glow_count);
         sbl__free(&base, scene.bright.glows);
+    }
+}
+
+/* The directions to viewers and the colours of lobes, packed like gbuffer_fragment.glsl packs them: an octahedron is
+   unfolded to a square, and two numbers share a float. */
+TEST(lobes_are_unpacked) {
+    static const double steps = 4095;
+    int i, k;
+    for (i = 0; i < 200; i++) {
+        const double z = 1 - (2 * i + 1) / 200.0, turn = 2.4 * i, r = sqrt(1 - z * z);
+        const double view[3] = { r * cos(turn), r * sin(turn), z };
+        const double sum = fabs(view[0]) + fabs(view[1]) + fabs(view[2]), x = view[0] / sum, y = view[1] / sum;
+        const int packed[4] = { i * 20, 4095 - i, i, 3000 + i };  /* red, green, blue, roughness */
+        const float lobe[4] = { (float)(packed[0] + 4096 * packed[1]), (float)(packed[2] + 4096 * packed[3]),
+                                (float)(z < 0 ? (x < 0 ? -1 : 1) * (1 - fabs(y)) : x),
+                                (float)(z < 0 ? (y < 0 ? -1 : 1) * (1 - fabs(x)) : y) };
+        sbl__pixel_lobe out;
+        sbl__reflections_unpack(lobe, &out);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)out.view[k] - view[k]) < 1e-5 &&
+                      fabs((double)out.reflectance[k] - packed[k] / steps) < 1e-6, "direction %d: view[%d] is %g, not %g",
+                  i, k, (double)out.view[k], view[k]);
+        CHECK(fabs((double)out.roughness - packed[3] / steps) < 1e-6, "roughness %g", (double)out.roughness);
+    }
+}
+
+/* 40 parallel mirrors of different sizes are below one lamp. The 32 largest are kept, and each knows the image of the lamp
+   below it. Mirrors through the lamp, without size, or behind 31 larger ones show nothing. */
+TEST(largest_mirrors_of_lamps_are_kept) {
+    static sbl__lamp_trees l;
+    static sbl__lamps lamps;
+    sbl__geometry g;
+    sbl__lamp_node node;
+    int i, seen[40];
+    memset(&g, 0, sizeof g);
+    memset(&node, 0, sizeof node);
+    memset(seen, 0, sizeof seen);
+    g.extent = 10;
+    node.beyond = 1;
+    node.middle[1] = 3;
+    node.power = 2;
+    l.geometry = &g;
+    l.lamps = &lamps;
+    l.nodes = &node;
+    l.node_count = 1;
+    l.plane_count = 42;
+    for (i = 0; i < 42; i++) {
+        l.planes[i].normal[1] = 1;
+        l.planes[i].offset = i == 40 ? 3 : -1;
+        l.planes[i].own = i == 41 ? 0 : 1 + i * 17 % 40;
+        l.planes[i].alpha = (float)i;
+    }
+    sbl__lamp_trees_mirror(&l);
+    CHECK(lamps.mirrored_count == SBL__MIRRORED_MOST, "%d lamps in mirrors", lamps.mirrored_count);
+    for (i = 0; i < lamps.mirrored_count; i++) {
+        const sbl__mirrored *m = &lamps.mirrored[i];
+        const int number = (int)m->alpha;
+        CHECK(number < 40 && !seen[number]++ && number * 17 % 40 >= 40 - SBL__MIRRORED_MOST, "mirror %d is kept", number);
+        CHECK(fabs((double)m->middle[1] + 5) < 1e-6 && fabs((double)m->offset + 1) < 1e-6 && m->normal[1] > 0 &&
+                  fabs((double)m->power - 2) < 1e-6, "mirror %d: the image is at %g", number, (double)m->middle[1]);
+    }
+}
+
+/* A line runs from x = 0 to x = 1 through a cell that is cut at x = 0.5. Both parts have cuts, which the line does not
+   cross there. It cuts only the two parts that it crosses. */
+TEST(contact_lines_cut_what_they_cross) {
+    static const float across[3] = { 1, 0, 0 }, apart[3] = { 0.5f, 0.25f, 0.75f };
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__store store;
+    sbl__contact line;
+    uint32_t root = 0, *reference = &root;
+    const double whole[2] = { 0, 1 };
+    int i;
+    memset(&store, 0, sizeof store);
+    memset(&line, 0, sizeof line);
+    core.base = base;
+    store.length = 1;
+    b.core = &core;
+    b.store = &store;
+    line.normal[1] = 1;
+    line.distance = 0.5f;
+    line.from[1] = 0.5;
+    line.along[0] = 1;
+    for (i = 0; i < 3; i++) {  /* x = 0.25 lies on side 1 of x = 0.5, and x = 0.75 on side 0 */
+        CHECK(sbl__store_cut(&core.base, &store, reference, across, apart[i], 0) == SBL_SUCCESS, "no memory");
+        reference = &store.cuts[0].sides[i == 0];
+    }
+    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "%d cuts",
+          store.cut_count);
+    for (i = 0; i < 2; i++) {  /* x = 0.25 and 0.75: the line is beyond the first, and before the second */
+        const uint32_t *sides = store.cuts[1 + i].sides;
+        CHECK(!sides[i] && sides[!i] >= SBL__CELL_CUT, "cut %d leads to %u and %u", 1 + i, sides[0], sides[1]);
+        CHECK(store.cuts[3 + i].normal[1] > 0.9f && fabs((double)store.cuts[3 + i].distance - 0.5) < 1e-6, "cut %d", 3 + i);
+    }
+    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "a line cuts twice");
+    sbl__free(&core.base, store.cuts);
+}
+
+/* The light of glows is added to that of lamps, in R and in all groups. Points that are invalid keep their light. */
+TEST(light_of_glows_is_added) {
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__bounce_point points[2];
+    static sbl__site sites[2];
+    static sbl_reading readings[2];
+    float layers[24], found[12];
+    int i, k;
+    core.scene.light_groups = 2;
+    b.core = &core;
+    b.points = points;
+    b.sites = sites;
+    b.readings = readings;
+    b.layers = layers;
+    b.found_layers = found;
+    b.site_count = 2;
+    memset(layers, 0, sizeof layers);
+    sites[1].number = 1;
+    for (b.glows = 0; b.glows < 2; b.glows++) {
+        for (i = 0; i < 2; i++) {
+            readings[i].valid = !b.glows || i == 0;
+            for (k = 0; k < 3; k++) readings[i].radiance[k] = (float)((b.glows ? 10 : 1) * (k + 1 + 3 * i));
+        }
+        for (i = 0; i < 12; i++) found[i] = (float)((b.glows ? 10 : 1) * (i + 1));
+        CHECK(sbl__solution_after_light(&b) == SBL__BOUNCE_DIRECT, "another stage follows");
+    }
+    for (i = 0; i < 2; i++) {
+        CHECK(points[i].measured && points[i].valid, "point %d is not measured", i);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)points[i].light[k] - (i ? 1 : 11) * (k + 1 + 3 * i)) < 1e-5, "point %d: R[%d] is %g", i, k,
+                  (double)points[i].light[k]);
+        for (k = 0; k < 6; k++)
+            CHECK(fabs((double)layers[12 * i + k] - (i ? 1 : 11) * (6 * i + k + 1)) < 1e-5 && !(layers[12 * i + 6 + k] > 0),
+                  "point %d: layer %d is %g", i, k, (double)layers[12 * i + k]);
+    }
+}
+
+static int warnings;
+static void count_warnings(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)message; (void)user;
+    warnings += level == SBL_LOG_WARNING && item == SBL_LOG_ITEM_ALBEDO;
+}
+
+/* White walls cause one warning, if most light is bounced light. */
+TEST(white_walls_are_told_once) {
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__store store;
+    sbl__object objects[2];
+    sbl__geometry g;
+    memset(&store, 0, sizeof store);
+    memset(objects, 0, sizeof objects);
+    memset(&g, 0, sizeof g);
+    core.base = base;
+    core.base.logger.log = count_warnings;
+    b.core = &core;
+    b.store = &store;
+    b.geometry = &g;
+    g.objects = objects;
+    g.mesh_count = 2;
+    warnings = 0;
+    objects[1].albedo[0] = objects[1].albedo[1] = 1;
+    sbl__solution_warn(&b, 1, 100);
+    CHECK(warnings == 0, "yellow walls cause a warning");
+    objects[1].albedo[2] = 1;
+    sbl__solution_warn(&b, 1, 2.9);
+    CHECK(warnings == 0, "little bounced light causes a warning");
+    sbl__solution_warn(&b, 1, 3.1);
+    sbl__solution_warn(&b, 1, 100);
+    CHECK(warnings == 1, "%d warnings", warnings);
+}
+
+/* If only lights change, the points of the store are kept and measured again, first without glows. If a cut has split
+   leaves, hits are placed first. If surfaces change, or light reflects off metal, the store is filled anew. */
+TEST(changed_lights_keep_points) {
+    static sbl__core core;
+    int i;
+    core.base = base;
+    core.device.base = &core.base;
+    for (i = 0; i < 6; i++) {  /* nothing changes; lights, late; with a split; lights, early; surfaces; metal */
+        sbl__bounce *b, *kept = (sbl__bounce *)sbl__alloc(&core.base, 1, sizeof *kept);
+        REQUIRE(kept, "no memory");
+        kept->points = (sbl__bounce_point *)sbl__alloc(&core.base, 2, sizeof *kept->points);
+        REQUIRE(kept->points, "no memory");
+        core.scene.version = i > 0;
+        core.scene.surfaces = i == 4;
+        core.scene.features = i == 5 ? SBL__SPECULAR : 0;
+        kept->point_count = 2;
+        kept->points[0].measured = kept->points[1].measured = 1;
+        kept->glows = 1;
+        kept->changed = i == 2;
+        kept->stages.stage = i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND;
+        kept->stages.at = 7;
+        core.bounce = kept;
+        b = sbl__bounce_resume(&core);
+        REQUIRE(b && b == core.bounce, "no filling");
+        CHECK(b->scene == core.scene.version && b->surfaces == core.scene.surfaces, "case %d: an old version", i);
+        if (i < 4) {
+            const int again = i == 1 || i == 2;
+            CHECK(b->points && b->points[0].measured == !i && b->points[1].measured == !i, "case %d: points measured", i);
+            CHECK(b->glows == !again && b->stages.at == (again ? 0 : 7), "case %d: glows %d", i, b->glows);
+            CHECK(b->stages.stage == (i == 1 ? SBL__BOUNCE_SITES : i == 2 ? SBL__BOUNCE_RELOCATE
+                                    : i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND),
+                  "case %d: stage %d", i, b->stages.stage);
+        } else CHECK(!b->points && b->point_count == 0 && b->stages.stage == 0, "case %d: points are kept", i);
+        sbl__free(&core.base, b->points);
+        sbl__free(&core.base, b);
+    }
+    CHECK(core.base.memory.host_bytes == 0, "memory is left");
+}
+
+/* A change of lights makes lamps, store and glows out of date; a change of surfaces also the hierarchy. */
+TEST(changes_reach_what_depends_on_them) {
+    static sbl__scene scene;
+    static sbl__device device;
+    sbl__base own = base;
+    int surfaces;
+    device.base = &own;
+    for (surfaces = 0; surfaces < 2; surfaces++) {
+        memset(&scene, 0, sizeof scene);
+        scene.hierarchy.ready = scene.lamps.ready = scene.store.ready = scene.bright.ready = 1;
+        scene.bright.glow_count = 1;
+        scene.bright.glows = (sbl__glow *)sbl__alloc(&own, 1, sizeof(sbl__glow));
+        scene.glowing = (sbl__glowing *)sbl__alloc(&own, 1, sizeof(sbl__glowing));
+        if (surfaces) sbl__scene_changed(&device, &scene);
+        else sbl__scene_lamps_changed(&device, &scene);
+        CHECK(!scene.lamps.ready && !scene.store.ready && scene.hierarchy.ready == !surfaces, "lamps %d, store %d, hierarchy "
+              "%d", scene.lamps.ready, scene.store.ready, scene.hierarchy.ready);
+        CHECK(!scene.bright.ready && !scene.bright.glow_count && !scene.glowing && own.memory.host_bytes == 0,
+              "glows are kept");
+        CHECK(scene.version == 1 && scene.surfaces == (uint32_t)surfaces, "version %u, of surfaces %u", scene.version,
+              scene.surfaces);
+    }
+}
+
+/* A lamp of an inspected sensor is a triangle of a mesh (also the triangle on which a glow lies), a texel or a light. It
+   is listed once. */
+TEST(lamps_of_sensors_are_named) {
+    static sbl__core core;
+    static sbl__inspection found;
+    static sbl__inspect_request request;
+    sbl__mesh meshes[2];
+    sbl__vertex vertices[3];
+    sbl__glow glows[2];
+    sbl_sensor_lamp lamps[4];
+    uint32_t codes[5], indices[15], order[5] = { 4, 3, 2, 1, 0 };
+    static const sbl_lamp_kind kinds[4] = { SBL_LAMP_TRIANGLE, SBL_LAMP_TRIANGLE, SBL_LAMP_SKY_TEXEL, SBL_LAMP_LIGHT };
+    static const int expected[4][2] = { { 0, 1 }, { 1, 2 }, { -1, 300 }, { -1, 7 } };  /* mesh, number */
+    int i;
+    memset(meshes, 0, sizeof meshes);
+    memset(vertices, 0, sizeof vertices);
+    memset(glows, 0, sizeof glows);
+    meshes[1].first_triangle = 2;
+    vertices[1].object = 1;
+    for (i = 0; i < 15; i++) indices[i] = i >= 6;  /* triangles 2 to 4 belong to mesh 1 */
+    core.scene.geometry.meshes = meshes;
+    core.scene.geometry.vertices = vertices;
+    core.scene.geometry.indices = indices;
+    core.scene.hierarchy.order = order;
+    core.scene.bright.codes = codes;
+    core.scene.bright.glows = glows;
+    core.scene.bright.ready = 1;
+    core.scene.bright.glow_count = 2;
+    codes[0] = SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | 3;
+    codes[1] = codes[4] = SBL__LAMP_GLOW << SBL__LAMP_KIND_SHIFT | 1;
+    codes[2] = SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | 300;
+    codes[3] = SBL__LAMP_DISTANT_LIGHT << SBL__LAMP_KIND_SHIFT | 7;
+    found.job.task.spec.glows = 1;
+    found.lamps = lamps;
+    request.core = &core;
+    request.found = &found;
+    for (i = 0; i < 5; i++) {
+        const int at = sbl__inspect_lamp(&request, i), wanted = i < 4 ? i : 1;
+        CHECK(at == wanted && lamps[at].kind == kinds[at] && lamps[at].mesh == expected[at][0] &&
+                  lamps[at].number == expected[at][1], "lamp %d is lamp %d: mesh %d, number %d", i, at, lamps[at].mesh,
+              lamps[at].number);
     }
 }
 
@@ -1188,6 +1478,14 @@ int main(void) {
     RUN(sensors_keep_the_variance_of_a_look);
     RUN(dropped_glows_are_ordinary);
     RUN(glows_cover_their_cell);
+    RUN(lobes_are_unpacked);
+    RUN(largest_mirrors_of_lamps_are_kept);
+    RUN(contact_lines_cut_what_they_cross);
+    RUN(light_of_glows_is_added);
+    RUN(white_walls_are_told_once);
+    RUN(changed_lights_keep_points);
+    RUN(changes_reach_what_depends_on_them);
+    RUN(lamps_of_sensors_are_named);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
