@@ -1442,6 +1442,124 @@ TEST(lamps_of_sensors_are_named) {
     }
 }
 
+/* Components of all types become real numbers. The least integer of a signed type stands for -1, as its neighbour. */
+TEST(components_of_all_types_are_read) {
+    static const unsigned char bytes[4] = { 0xff, 0x7f, 0x01, 0x80 };  /* little-endian */
+    static const double expected[SBL_TYPE_COUNT][2] = {  /* from the first byte, and from the third */
+        { 0, 0 }, { 0, -1 / 16777216.0 }, { 1, 1 / 255.0 }, { 32767 / 65535.0, 32769 / 65535.0 }, { -1 / 127.0, 1 / 127.0 },
+        { 1, -1 }, { 255, 1 }, { 32767, 32769 }, { 2147581951.0, 0 }
+    };
+    static const unsigned char least[4] = { 0x00, 0x80, 0x01, 0x80 };
+    int type, i;
+    for (type = SBL_UINT8_NORM; type < SBL_TYPE_COUNT; type++)
+        for (i = 0; i < (type == SBL_UINT32 ? 1 : 2); i++)
+            CHECK(fabs(sbl__component(bytes + 2 * i, (sbl_type)type) - expected[type][i]) < 1e-12, "type %d: %g, not %g",
+                  type, sbl__component(bytes + 2 * i, (sbl_type)type), expected[type][i]);
+    CHECK(fabs(sbl__component(least, SBL_INT16_NORM) + 1) < 1e-12 && fabs(sbl__component(least + 1, SBL_INT8_NORM) + 1) <
+              1e-12, "-32768 is %g, -128 is %g", sbl__component(least, SBL_INT16_NORM),
+          sbl__component(least + 1, SBL_INT8_NORM));
+}
+
+/* Light that scouts find in one bin counts for its neighbours. Sectors are a circle, bands are not: the light of an
+   outer band is not seen beyond the opposite edge, but counts twice at its own. */
+TEST(guides_are_smoothed) {
+    static const double expected[5][3] = { { 0, 0, 0.48 }, { 0, 1, 0.16 }, { 0, SBL__GUIDE_SECTORS - 1, 0.16 },
+                                           { 1, 0, 0.12 }, { SBL__GUIDE_BANDS - 1, 0, 0 } };
+    static float found[SBL__GUIDE_BINS];
+    int i;
+    found[0] = 1;
+    for (i = 0; i < 5; i++)
+        CHECK(fabs((double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]) - expected[i][2]) < 1e-6,
+              "bin %g %g has %g", expected[i][0], expected[i][1],
+              (double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]));
+}
+
+/* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are noisy. */
+TEST(looks_grow_after_the_first_round) {
+    sbl__refine r;
+    sbl__measurement m;
+    int i;
+    memset(&r, 0, sizeof r);
+    memset(&m, 0, sizeof m);
+    m.look_rays = 16;
+    m.options.backend = SBL_BACKEND_TRACE;
+    r.measurement = &m;
+    r.target_error = 0.1f;
+    for (i = 0; i < 5; i++) {  /* the second round; chosen rays; chosen looks; little noise; otherwise */
+        r.rounds = i == 0 ? 2 : 1;
+        m.options.rays = i == 1 ? 16 : 0;
+        r.look_rays = i == 2 ? 16 : 0;
+        r.look_variance = SBL__LOOK_VARIANCE * 0.01 * (i == 3 ? 1.9 : 4.1);
+        CHECK(sbl__refine_growth(&r) == (i == 4 ? 4 : 1), "case %d: looks grow %d times", i, sbl__refine_growth(&r));
+    }
+}
+
+/* A place is open if its ray hits no near surface and does not come from within a solid. A solid is known by the backs of
+   its faces, unless most of the lightmap shows backs. */
+TEST(places_are_open) {
+    static const struct { int valid; double back, share, mean, backs; int open; } cases[] = {
+        { 1, 0, 0, 0, 0, 1 }, { 0, 0, 0, 0, 0, 0 }, { 1, 0, 1, 0.9, 0, 0 }, { 1, 0, 1, 1, 0, 1 }, { 1, 1, 1, 9, 0, 0 },
+        { 1, 1, 1, 9, 0.5, 0 }, { 1, 1, 1, 9, 0.6, 1 }, { 1, 0.5, 1, 9, 0, 1 }
+    };
+    sbl__refine r;
+    int i;
+    memset(&r, 0, sizeof r);
+    r.distance_limit = 1;
+    r.lit = 100;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        sbl_reading reading;
+        memset(&reading, 0, sizeof reading);
+        reading.valid = cases[i].valid;
+        reading.back_share = (float)cases[i].back;
+        reading.hit_share = (float)cases[i].share;
+        reading.hit_mean = (float)cases[i].mean;
+        r.lit_backs = 100 * cases[i].backs;
+        CHECK(sbl__place_is_open(&r, &reading) == cases[i].open, "case %d is wrong", i);
+    }
+}
+
+/* The second weight of a texel is the length of the ray through its centre, for a depth of 1. */
+TEST(depths_become_distances) {
+    sbl__layout l;
+    float *weights;
+    int face, i, j;
+    sbl__layout_make(&l, 1, 8, 0);
+    weights = (float *)calloc(2 * (size_t)(sbl__layout_pitch(&l, 0) * sbl__layout_pitch(&l, 1)), sizeof *weights);
+    REQUIRE(weights, "no memory");
+    for (face = 0; face < 5; face++)
+        for (j = 0; j < l.rects[face][3]; j++) {
+            sbl__weights_row(&l, 0, face, j, weights);
+            for (i = 0; i < 8; i++) {
+                const double x = (i + 0.5) / 4 - 1, y = face ? (j + 0.5) / 4 : (j + 0.5) / 4 - 1;
+                const int at = (l.rects[face][1] + j) * sbl__layout_pitch(&l, 0) + l.rects[face][0] + i;
+                CHECK(fabs((double)weights[2 * at + 1] - sqrt(1 + x * x + y * y)) < 1e-6, "view %d, texel %d %d: %g", face,
+                      i, j, (double)weights[2 * at + 1]);
+            }
+        }
+    free(weights);
+}
+
+/* The time of a stage counts for the part of the work that the statistics name. */
+TEST(seconds_belong_to_stages) {
+    static sbl__core core;
+    static sbl__map m;
+    sbl_stats *stats = &core.stats;
+    int stage;
+    m.work.core = &core;
+    for (stage = 0; stage <= SBL__MAP_END; stage++) {
+        const int develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
+        m.work.stages.stage = stage;
+        m.developing.stage = 0;
+        CHECK(sbl__map_seconds(&m) == (stage <= SBL__MAP_READ ? &stats->seconds.surface
+                                     : stage == SBL__MAP_END  ? &stats->seconds.resolve : &stats->seconds.refine),
+              "the seconds of stage %d", stage);
+        m.developing.stage = SBL__DEVELOP_FILTER;
+        CHECK(!develops || sbl__map_seconds(&m) == &stats->seconds.filter, "the filter of stage %d", stage);
+        m.developing.stage = SBL__DEVELOP_DONE;
+        CHECK(!develops || sbl__map_seconds(&m) == &stats->seconds.resolve, "the end of stage %d", stage);
+    }
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1486,6 +1604,12 @@ int main(void) {
     RUN(changed_lights_keep_points);
     RUN(changes_reach_what_depends_on_them);
     RUN(lamps_of_sensors_are_named);
+    RUN(components_of_all_types_are_read);
+    RUN(guides_are_smoothed);
+    RUN(looks_grow_after_the_first_round);
+    RUN(places_are_open);
+    RUN(depths_become_distances);
+    RUN(seconds_belong_to_stages);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
