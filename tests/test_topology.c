@@ -1560,6 +1560,43 @@ TEST(seconds_belong_to_stages) {
     }
 }
 
+/* The progress of a lightmap counts its finished layers. */
+TEST(layers_are_progress) {
+    static sbl__core core;
+    static sbl__lightmap l;
+    int layer;
+    core.base = base;
+    core.device.base = &core.base;
+    l.map.work.core = &core;
+    l.map.spec.directional = 1;
+    for (layer = 0; layer + 1 < SBL__LAYERS; layer++) {
+        CHECK(sbl__lightmap_after_send(&l) == SBL__MAP_DEVELOP && l.map.layer == layer + 1, "layer %d follows", l.map.layer);
+        CHECK(fabs((double)l.map.finished - (layer + 1.0) / SBL__LAYERS) < 1e-6, "after layer %d, %g are finished", layer,
+              (double)l.map.finished);
+    }
+}
+
+/* The mean of R of a joined lightmap, to which its seams are compared, is that of texels with surfaces. These are ring 0
+   of the gutters. */
+TEST(joined_texels_have_a_mean) {
+    static float light[12] = { 1, 2, 3, 9, 9, 9, 3, 2, 1, 9, 9, 9 }, ids[4] = { 1, 0, 2, 0 };
+    static sbl__core core;
+    static sbl__joining j;
+    sbl__slice slice = slice_of(0);
+    int i;
+    core.base = base;
+    j.work.core = &core;
+    j.desc.lightmap.width = j.desc.lightmap.height = 2;
+    j.desc.light[0] = light;
+    j.desc.ids = ids;
+    CHECK(sbl__joining_take(&j, &slice) == SBL_SUCCESS && j.texels == 2, "%g texels", (double)j.texels);
+    CHECK(fabs(j.luminance - 4 * 0.2126 - 4 * 0.7152 - 4 * 0.0722) < 1e-5, "the sum of R is %g", j.luminance);
+    for (i = 0; i < 16; i++)
+        CHECK(fabs((double)j.gutters.light[i] - (i % 4 < 3 ? (double)light[i / 4 * 3 + i % 4] : i / 4 % 2 ? -1 : 0)) < 1e-6,
+              "component %d is %g", i, (double)j.gutters.light[i]);
+    sbl__gutters_free(&core.base, &j.gutters);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1610,6 +1647,8 @@ int main(void) {
     RUN(places_are_open);
     RUN(depths_become_distances);
     RUN(seconds_belong_to_stages);
+    RUN(layers_are_progress);
+    RUN(joined_texels_have_a_mean);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
