@@ -178,7 +178,9 @@ TEST(materials_in_c_and_in_shaders) {
 }
 
 /* Returns Schlick's approximation. */
-static double fresnel(double reflectance, double cosine) { return reflectance + (1 - reflectance) * pow(1 - cosine, 5); }
+static double fresnel(double reflectance, double cosine) {
+    return reflectance + (1 - reflectance) * pow(1 - cosine, 5);
+}
 
 /* Checks a colour of a material, and the number beside it. */
 static void check_color(const char *name, int number, const float shown[4], const double expected[4]) {
@@ -189,7 +191,8 @@ static void check_color(const char *name, int number, const float shown[4], cons
 }
 
 /* Checks the material at a texel of shiny_shader. color: albedo times vertex colour; row: 0: cosine 0.25; 1: 0.8 */
-static void check_shiny(const sbl_material *m, const double color[3], int number, int row, float texels[6][2 * MATERIALS][4]) {
+static void check_shiny(const sbl_material *m, const double color[3], int number, int row,
+                        float texels[6][2 * MATERIALS][4]) {
     const double ior = m->ior > 0 ? (double)m->ior : 1.5, f0 = pow((ior - 1) / (ior + 1), 2), cosine = row ? 0.8 : 0.25;
     const int matte = !(m->ior > 0) && !(m->metallic > 0), at = row * MATERIALS + number;
     const double metallic = matte ? 0 : (double)m->metallic, opacity = m->flags & SBL_MATERIAL_BLEND ? 0.6 : 1;

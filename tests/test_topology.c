@@ -1,6 +1,5 @@
-/* Tests without GL of the sections device, topology, solver, seams, interpolation, bounces and refinement of sbl.h:
-   sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a
-   seam, light beside a silhouette, light of a leaf, and noise of sensors. */
+/* Tests without GL of private functions in many sections of sbl.h, such as topology, solver, seams, interpolation,
+   bounces and refinement. Most expected values are closed forms. */
 #include "support/private.h"
 #include "support/test.h"
 
@@ -459,17 +458,17 @@ TEST(light_is_linear_beside_silhouettes) {
             tile.uncovered = 0;
             tile.must_split = 0;
             sbl__tile_count(&r, &tile, &row, 7);
-            CHECK(tile.pixels == 4 && tile.must_split == (i > 0) && (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5),
-                  "way %d, count %d: %d pixels, split %d, uncovered %g", missing, i, tile.pixels, tile.must_split,
-                  (double)tile.uncovered);
+            CHECK(tile.pixels == 4 && tile.must_split == (i > 0) &&
+                      (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5), "way %d, count %d: %d pixels, "
+                  "split %d, uncovered %g", missing, i, tile.pixels, tile.must_split, (double)tile.uncovered);
         }
         r.geometry_aware = 1;
         r.threshold = 0;
     }
 }
 
-/* The light of a tile is f = (1 + k y) x^2 + (2 + x) y^2, with x and y from 0 to 4 and channel k. Between two corners it
-   lies below the straight line by half the second difference of the edge * t (1 - t). Second differences change
+/* The light of a tile is f = (1 + k y) x^2 + (2 + x) y^2, with x and y from 0 to 4 and channel k. Between two corners
+   it lies below the straight line by half the second difference of the edge * t (1 - t). Second differences change
    linearly from each edge to the opposite edge, so the light of all pixels is exact. */
 TEST(light_between_sensors_is_curved) {
     enum { SIDE = 5 };
@@ -518,16 +517,16 @@ TEST(light_between_sensors_is_curved) {
         const double across = x * x + (1 - x) * (1 - x), down = y * y + (1 - y) * (1 - y);
         sbl__fill_pixel(&fill, i % SIDE, i / SIDE, &tile, parabolas);
         for (k = 0; k < 3; k++)
-            CHECK(fabs((double)rgba[i][k] - (double)sensors[i].radiance[k]) < 1e-3, "pixel %d, channel %d: %g, expected "
-                  "%g", i, k, (double)rgba[i][k], (double)sensors[i].radiance[k]);
+            CHECK(fabs((double)rgba[i][k] - (double)sensors[i].radiance[k]) < 1e-3, "pixel %d, channel %d: %g, "
+                  "expected %g", i, k, (double)rgba[i][k], (double)sensors[i].radiance[k]);
         CHECK(fabs((double)rgba[i][3] - 3 * sqrt(across * down)) < 1e-4, "pixel %d: noise %g", i, (double)rgba[i][3]);
         CHECK(fabs((double)pixels[i].error - (sensors[i].sensed ? 0.2 : 0.4)) < 1e-5, "pixel %d: error %g", i,
               (double)pixels[i].error);
     }
 }
 
-/* Interpolation between the four corners of a wide tile keeps 4/9 of their variance, the mean square of bilinear weights;
-   a filter over n pixels keeps 1/n where each pixel has a sensor. */
+/* Interpolation between the four corners of a wide tile keeps 4/9 of their variance, the mean square of bilinear
+   weights; a filter over n pixels keeps 1/n where each pixel has a sensor. */
 TEST(noise_that_is_left) {
     static const double expected[3][3] = { { 1, 4 / 9.0, 4 / 9.0 }, { 1 / 9.0, 4 / 17.0, 4 / 9.0 },
                                            { 1 / 81.0, 4 / 89.0, 4 / 9.0 } };
@@ -566,15 +565,15 @@ TEST(any_colour_of_the_sky_is_light) {
         m.options.mode = i == 6 ? SBL_MODE_GI : SBL_MODE_DIRECT;
         m.every_ray = i == 7;
         sbl__spec_make(&spec, &m, &scene, &desc);
-        CHECK(spec.no_light == (i == 0) && spec.rays == (i ? 1000 : SBL__POOL_RAYS), "scene %d: no_light is %d, %d rays",
-              i, spec.no_light, spec.rays);
+        CHECK(spec.no_light == (i == 0) && spec.rays == (i ? 1000 : SBL__POOL_RAYS), "scene %d: no_light is %d, %d "
+              "rays", i, spec.no_light, spec.rays);
     }
     scene.geometry.extent = 100;
     for (i = 0; i < 3; i++) {
         const double offset = (double)SBL__OFFSET * (i == 1 ? 7 : 100);
         spec.traced = i > 0;
-        CHECK(fabs((double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f) / offset - 1) < 1e-6, "sensor %d stands "
-              "off by %g", i, (double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f));
+        CHECK(fabs((double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f) / offset - 1) < 1e-6, "sensor %d "
+              "stands off by %g", i, (double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f));
     }
 }
 
@@ -1183,14 +1182,14 @@ TEST(lobes_are_unpacked) {
         sbl__reflections_unpack(lobe, &out);
         for (k = 0; k < 3; k++)
             CHECK(fabs((double)out.view[k] - view[k]) < 1e-5 &&
-                      fabs((double)out.reflectance[k] - packed[k] / steps) < 1e-6, "direction %d: view[%d] is %g, not %g",
-                  i, k, (double)out.view[k], view[k]);
+                      fabs((double)out.reflectance[k] - packed[k] / steps) < 1e-6, "direction %d: view[%d] is %g, "
+                  "not %g", i, k, (double)out.view[k], view[k]);
         CHECK(fabs((double)out.roughness - packed[3] / steps) < 1e-6, "roughness %g", (double)out.roughness);
     }
 }
 
-/* 40 parallel mirrors of different sizes are below one lamp. The 32 largest are kept, and each knows the image of the lamp
-   below it. Mirrors through the lamp, without size, or behind 31 larger ones show nothing. */
+/* 40 parallel mirrors of different sizes are below one lamp. The 32 largest are kept, and each knows the image of the
+   lamp below it. A mirror through the lamp and one without size show nothing. */
 TEST(largest_mirrors_of_lamps_are_kept) {
     static sbl__lamp_trees l;
     static sbl__lamps lamps;
@@ -1220,7 +1219,8 @@ TEST(largest_mirrors_of_lamps_are_kept) {
     for (i = 0; i < lamps.mirrored_count; i++) {
         const sbl__mirrored *m = &lamps.mirrored[i];
         const int number = (int)m->alpha;
-        CHECK(number < 40 && !seen[number]++ && number * 17 % 40 >= 40 - SBL__MIRRORED_MOST, "mirror %d is kept", number);
+        CHECK(number < 40 && !seen[number]++ && number * 17 % 40 >= 40 - SBL__MIRRORED_MOST, "mirror %d is kept",
+              number);
         CHECK(fabs((double)m->middle[1] + 5) < 1e-6 && fabs((double)m->offset + 1) < 1e-6 && m->normal[1] > 0 &&
                   fabs((double)m->power - 2) < 1e-6, "mirror %d: the image is at %g", number, (double)m->middle[1]);
     }
@@ -1256,7 +1256,8 @@ TEST(contact_lines_cut_what_they_cross) {
     for (i = 0; i < 2; i++) {  /* x = 0.25 and 0.75: the line is beyond the first, and before the second */
         const uint32_t *sides = store.cuts[1 + i].sides;
         CHECK(!sides[i] && sides[!i] >= SBL__CELL_CUT, "cut %d leads to %u and %u", 1 + i, sides[0], sides[1]);
-        CHECK(store.cuts[3 + i].normal[1] > 0.9f && fabs((double)store.cuts[3 + i].distance - 0.5) < 1e-6, "cut %d", 3 + i);
+        CHECK(store.cuts[3 + i].normal[1] > 0.9f && fabs((double)store.cuts[3 + i].distance - 0.5) < 1e-6, "cut %d",
+              3 + i);
     }
     CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "a line cuts twice");
     sbl__free(&core.base, store.cuts);
@@ -1292,11 +1293,11 @@ TEST(light_of_glows_is_added) {
     for (i = 0; i < 2; i++) {
         CHECK(points[i].measured && points[i].valid, "point %d is not measured", i);
         for (k = 0; k < 3; k++)
-            CHECK(fabs((double)points[i].light[k] - (i ? 1 : 11) * (k + 1 + 3 * i)) < 1e-5, "point %d: R[%d] is %g", i, k,
-                  (double)points[i].light[k]);
+            CHECK(fabs((double)points[i].light[k] - (i ? 1 : 11) * (k + 1 + 3 * i)) < 1e-5, "point %d: R[%d] is %g", i,
+                  k, (double)points[i].light[k]);
         for (k = 0; k < 6; k++)
-            CHECK(fabs((double)layers[12 * i + k] - (i ? 1 : 11) * (6 * i + k + 1)) < 1e-5 && !(layers[12 * i + 6 + k] > 0),
-                  "point %d: layer %d is %g", i, k, (double)layers[12 * i + k]);
+            CHECK(fabs((double)layers[12 * i + k] - (i ? 1 : 11) * (6 * i + k + 1)) < 1e-5 &&
+                      !(layers[12 * i + 6 + k] > 0), "point %d: layer %d is %g", i, k, (double)layers[12 * i + k]);
     }
 }
 
@@ -1362,7 +1363,8 @@ TEST(changed_lights_keep_points) {
         CHECK(b->scene == core.scene.version && b->surfaces == core.scene.surfaces, "case %d: an old version", i);
         if (i < 4) {
             const int again = i == 1 || i == 2;
-            CHECK(b->points && b->points[0].measured == !i && b->points[1].measured == !i, "case %d: points measured", i);
+            CHECK(b->points && b->points[0].measured == !i && b->points[1].measured == !i, "case %d: points measured",
+                  i);
             CHECK(b->glows == !again && b->stages.at == (again ? 0 : 7), "case %d: glows %d", i, b->glows);
             CHECK(b->stages.stage == (i == 1 ? SBL__BOUNCE_SITES : i == 2 ? SBL__BOUNCE_RELOCATE
                                     : i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND),
@@ -1389,8 +1391,8 @@ TEST(changes_reach_what_depends_on_them) {
         scene.glowing = (sbl__glowing *)sbl__alloc(&own, 1, sizeof(sbl__glowing));
         if (surfaces) sbl__scene_changed(&device, &scene);
         else sbl__scene_lamps_changed(&device, &scene);
-        CHECK(!scene.lamps.ready && !scene.store.ready && scene.hierarchy.ready == !surfaces, "lamps %d, store %d, hierarchy "
-              "%d", scene.lamps.ready, scene.store.ready, scene.hierarchy.ready);
+        CHECK(!scene.lamps.ready && !scene.store.ready && scene.hierarchy.ready == !surfaces, "lamps %d, store %d, "
+              "hierarchy %d", scene.lamps.ready, scene.store.ready, scene.hierarchy.ready);
         CHECK(!scene.bright.ready && !scene.bright.glow_count && !scene.glowing && own.memory.host_bytes == 0,
               "glows are kept");
         CHECK(scene.version == 1 && scene.surfaces == (uint32_t)surfaces, "version %u, of surfaces %u", scene.version,
@@ -1398,8 +1400,8 @@ TEST(changes_reach_what_depends_on_them) {
     }
 }
 
-/* A lamp of an inspected sensor is a triangle of a mesh (also the triangle on which a glow lies), a texel or a light. It
-   is listed once. */
+/* A lamp of an inspected sensor is a triangle of a mesh (also the triangle on which a glow lies), a texel or a light.
+   It is listed once. */
 TEST(lamps_of_sensors_are_named) {
     static sbl__core core;
     static sbl__inspection found;
@@ -1446,18 +1448,18 @@ TEST(lamps_of_sensors_are_named) {
 TEST(components_of_all_types_are_read) {
     static const unsigned char bytes[4] = { 0xff, 0x7f, 0x01, 0x80 };  /* little-endian */
     static const double expected[SBL_TYPE_COUNT][2] = {  /* from the first byte, and from the third */
-        { 0, 0 }, { 0, -1 / 16777216.0 }, { 1, 1 / 255.0 }, { 32767 / 65535.0, 32769 / 65535.0 }, { -1 / 127.0, 1 / 127.0 },
+        { 0, 0 }, { 0, 0 }, { 1, 1 / 255.0 }, { 32767 / 65535.0, 32769 / 65535.0 }, { -1 / 127.0, 1 / 127.0 },
         { 1, -1 }, { 255, 1 }, { 32767, 32769 }, { 2147581951.0, 0 }
     };
     static const unsigned char least[4] = { 0x00, 0x80, 0x01, 0x80 };
     int type, i;
     for (type = SBL_UINT8_NORM; type < SBL_TYPE_COUNT; type++)
         for (i = 0; i < (type == SBL_UINT32 ? 1 : 2); i++)
-            CHECK(fabs(sbl__component(bytes + 2 * i, (sbl_type)type) - expected[type][i]) < 1e-12, "type %d: %g, not %g",
-                  type, sbl__component(bytes + 2 * i, (sbl_type)type), expected[type][i]);
-    CHECK(fabs(sbl__component(least, SBL_INT16_NORM) + 1) < 1e-12 && fabs(sbl__component(least + 1, SBL_INT8_NORM) + 1) <
-              1e-12, "-32768 is %g, -128 is %g", sbl__component(least, SBL_INT16_NORM),
-          sbl__component(least + 1, SBL_INT8_NORM));
+            CHECK(fabs(sbl__component(bytes + 2 * i, (sbl_type)type) - expected[type][i]) < 1e-12, "type %d: %g, not "
+                  "%g", type, sbl__component(bytes + 2 * i, (sbl_type)type), expected[type][i]);
+    CHECK(fabs(sbl__component(least, SBL_INT16_NORM) + 1) < 1e-12 &&
+              fabs(sbl__component(least + 1, SBL_INT8_NORM) + 1) < 1e-12, "-32768 is %g, -128 is %g",
+          sbl__component(least, SBL_INT16_NORM), sbl__component(least + 1, SBL_INT8_NORM));
 }
 
 /* Light that scouts find in one bin counts for its neighbours. Sectors are a circle, bands are not: the light of an
@@ -1474,7 +1476,8 @@ TEST(guides_are_smoothed) {
               (double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]));
 }
 
-/* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are noisy. */
+/* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are
+   noisy. */
 TEST(looks_grow_after_the_first_round) {
     sbl__refine r;
     sbl__measurement m;
@@ -1494,8 +1497,8 @@ TEST(looks_grow_after_the_first_round) {
     }
 }
 
-/* A place is open if its ray hits no near surface and does not come from within a solid. A solid is known by the backs of
-   its faces, unless most of the lightmap shows backs. */
+/* A place is open if its ray hits no near surface and does not come from within a solid. A solid is known by the backs
+   of its faces, unless most of the lightmap shows backs. */
 TEST(places_are_open) {
     static const struct { int valid; double back, share, mean, backs; int open; } cases[] = {
         { 1, 0, 0, 0, 0, 1 }, { 0, 0, 0, 0, 0, 0 }, { 1, 0, 1, 0.9, 0, 0 }, { 1, 0, 1, 1, 0, 1 }, { 1, 1, 1, 9, 0, 0 },
@@ -1532,8 +1535,8 @@ TEST(depths_become_distances) {
             for (i = 0; i < 8; i++) {
                 const double x = (i + 0.5) / 4 - 1, y = face ? (j + 0.5) / 4 : (j + 0.5) / 4 - 1;
                 const int at = (l.rects[face][1] + j) * sbl__layout_pitch(&l, 0) + l.rects[face][0] + i;
-                CHECK(fabs((double)weights[2 * at + 1] - sqrt(1 + x * x + y * y)) < 1e-6, "view %d, texel %d %d: %g", face,
-                      i, j, (double)weights[2 * at + 1]);
+                CHECK(fabs((double)weights[2 * at + 1] - sqrt(1 + x * x + y * y)) < 1e-6, "view %d, texel %d %d: %g",
+                      face, i, j, (double)weights[2 * at + 1]);
             }
         }
     free(weights);
@@ -1570,14 +1573,15 @@ TEST(layers_are_progress) {
     l.map.work.core = &core;
     l.map.spec.directional = 1;
     for (layer = 0; layer + 1 < SBL__LAYERS; layer++) {
-        CHECK(sbl__lightmap_after_send(&l) == SBL__MAP_DEVELOP && l.map.layer == layer + 1, "layer %d follows", l.map.layer);
-        CHECK(fabs((double)l.map.finished - (layer + 1.0) / SBL__LAYERS) < 1e-6, "after layer %d, %g are finished", layer,
-              (double)l.map.finished);
+        CHECK(sbl__lightmap_after_send(&l) == SBL__MAP_DEVELOP && l.map.layer == layer + 1, "layer %d follows",
+              l.map.layer);
+        CHECK(fabs((double)l.map.finished - (layer + 1.0) / SBL__LAYERS) < 1e-6, "after layer %d, %g are finished",
+              layer, (double)l.map.finished);
     }
 }
 
-/* The mean of R of a joined lightmap, to which its seams are compared, is that of texels with surfaces. These are ring 0
-   of the gutters. */
+/* The mean of R of a joined lightmap, to which its seams are compared, is that of texels with surfaces. These are ring
+   0 of the gutters. */
 TEST(joined_texels_have_a_mean) {
     static float light[12] = { 1, 2, 3, 9, 9, 9, 3, 2, 1, 9, 9, 9 }, ids[4] = { 1, 0, 2, 0 };
     static sbl__core core;
@@ -1592,9 +1596,40 @@ TEST(joined_texels_have_a_mean) {
     CHECK(sbl__joining_take(&j, &slice) == SBL_SUCCESS && j.texels == 2, "%g texels", (double)j.texels);
     CHECK(fabs(j.luminance - 4 * 0.2126 - 4 * 0.7152 - 4 * 0.0722) < 1e-5, "the sum of R is %g", j.luminance);
     for (i = 0; i < 16; i++)
-        CHECK(fabs((double)j.gutters.light[i] - (i % 4 < 3 ? (double)light[i / 4 * 3 + i % 4] : i / 4 % 2 ? -1 : 0)) < 1e-6,
-              "component %d is %g", i, (double)j.gutters.light[i]);
+        CHECK(fabs((double)j.gutters.light[i] - (i % 4 < 3 ? (double)light[i / 4 * 3 + i % 4] : i / 4 % 2 ? -1 : 0)) <
+                  1e-6, "component %d is %g", i, (double)j.gutters.light[i]);
     sbl__gutters_free(&core.base, &j.gutters);
+}
+
+/* The right-hand side of a light group at vertices is the sum of what its points find. Points that see mostly back
+   faces count if the mesh is inside out. */
+TEST(groups_of_meshes_inside_out) {
+    static sbl__vertices s;
+    static float layer_sums[36], sums[SBL__VERTICES_SUMS];
+    static double residual[9];
+    sbl__vertices_part part;
+    uint32_t corners[3] = { 0, 1, 2 };
+    int neighbours[3], i;
+    memset(&part, 0, sizeof part);
+    for (i = 0; i < 36; i++) layer_sums[i] = (float)(i + 1);
+    s.parts = &part;
+    s.part_count = 1;
+    s.corners = corners;
+    s.sums = sums;
+    s.layer_sums = layer_sums;
+    s.neighbours = neighbours;
+    s.solver.residual = residual;
+    s.groups = s.layer = 2;
+    sums[6] = 1;
+    part.points = 10;
+    for (part.back_points = 4; part.back_points < 7; part.back_points += 2) {
+        memset(residual, 0, sizeof residual);
+        CHECK(sbl__vertices_next(&s, 0) == SBL_SUCCESS, "no sums");
+        for (i = 0; i < 9; i++)
+            CHECK(fabs(residual[i] - (10 + i) - (part.back_points > 5 ? 28 + i : 0)) < 1e-9 &&
+                      neighbours[i / 3] == SBL__VERTICES_LIT, "%g back points: sum %d is %g", part.back_points, i,
+                  residual[i]);
+    }
 }
 
 int main(void) {
@@ -1649,6 +1684,7 @@ int main(void) {
     RUN(seconds_belong_to_stages);
     RUN(layers_are_progress);
     RUN(joined_texels_have_a_mean);
+    RUN(groups_of_meshes_inside_out);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
