@@ -1632,6 +1632,205 @@ TEST(groups_of_meshes_inside_out) {
     }
 }
 
+/* A window shows a rectangle of the working grid. A tile fills in all its pixels but the last column and row, which the
+   next tile fills in, unless the picture ends there. */
+TEST(windows_and_tiles_have_ends) {
+    static const int ends[4][4] = { { 4, 4, 3, 3 }, { 8, 4, 8, 3 }, { 4, 8, 3, 8 }, { 8, 8, 8, 8 } };
+    sbl__window w;
+    sbl__refine r;
+    sbl__tile tile;
+    int out[4], i;
+    memset(&w, 0, sizeof w);
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    w.inset[0] = 3;
+    w.inset[1] = 4;
+    w.shown[0] = 10;
+    w.shown[1] = 20;
+    CHECK(sbl__window_scissor(&w, 2, out) == out && out[0] == 1 && out[1] == 2 && out[2] == 14 && out[3] == 24,
+          "the scissor is at %d %d, its size is %d %d", out[0], out[1], out[2], out[3]);
+    CHECK(!sbl__window_scissor(NULL, 2, out), "no window has a scissor");
+    r.width = r.height = 9;
+    for (i = 0; i < 4; i++) {
+        sbl__range pixels;
+        tile.area.x[1] = ends[i][0];
+        tile.area.y[1] = ends[i][1];
+        pixels = sbl__tile_pixels(&r, &tile);
+        CHECK(!pixels.x[0] && !pixels.y[0] && pixels.x[1] == ends[i][2] && pixels.y[1] == ends[i][3],
+              "tile %d fills in pixels to %d %d", i, pixels.x[1], pixels.y[1]);
+    }
+}
+
+/* A dark sensor that sees mostly back faces is inside a solid, unless most lit sensors see backs. Without bounced light
+   it must see nothing but back faces. */
+TEST(dark_sensors_are_inside) {
+    static const struct { double light, share, back, backs; int bounced, inside; } cases[] = {
+        { 0, 1, 1, 0, 0, 1 }, { 0, 1, 1, 60, 0, 0 }, { 0, 0.9, 1, 0, 0, 0 }, { 0, 1, 0.9, 0, 0, 0 },
+        { 1, 1, 1, 0, 0, 0 }, { 0, 0.9, 0.6, 0, 1, 1 }, { 0, 1, 0.5, 0, 1, 0 }, { 1, 1, 1, 0, 1, 0 },
+        { 0, 1, 1, 60, 1, 0 }
+    };
+    sbl__refine r;
+    sbl__spec spec;
+    int i, k;
+    memset(&r, 0, sizeof r);
+    memset(&spec, 0, sizeof spec);
+    r.spec = &spec;
+    r.lit = 100;
+    r.lit_light = 100;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        sbl_reading reading;
+        memset(&reading, 0, sizeof reading);
+        for (k = 0; k < 3; k++) reading.radiance[k] = (float)cases[i].light;
+        reading.hit_share = (float)cases[i].share;
+        reading.back_share = (float)cases[i].back;
+        r.lit_backs = cases[i].backs;
+        spec.bounced = cases[i].bounced;
+        CHECK(sbl__places_is_inside(&r, &reading) == cases[i].inside, "case %d is wrong", i);
+    }
+}
+
+/* References of a stored store lead to leaves and cuts that exist, and from a cut only to later cuts. */
+TEST(cuts_lead_on) {
+    sbl__store store;
+    memset(&store, 0, sizeof store);
+    store.leaf_count = 3;
+    store.cut_count = 3;
+    CHECK(sbl__saved_leads(&store, 0, -1) && sbl__saved_leads(&store, 3, 2) && !sbl__saved_leads(&store, 4, -1),
+          "leaf 3 of 3 is the last");
+    CHECK(sbl__saved_leads(&store, SBL__CELL_CUT, -1) && sbl__saved_leads(&store, SBL__CELL_CUT | 2, -1) &&
+              !sbl__saved_leads(&store, SBL__CELL_CUT | 3, -1), "cut 2 of 3 is the last");
+    CHECK(sbl__saved_leads(&store, SBL__CELL_CUT | 2, 1) && !sbl__saved_leads(&store, SBL__CELL_CUT | 1, 1) &&
+              !sbl__saved_leads(&store, SBL__CELL_CUT, 1), "a cut leads to itself or to an earlier cut");
+}
+
+/* A lamp belongs to the light group of its material, of the sky, or of its light; a glow to none. */
+TEST(lamps_have_the_group_of_their_source) {
+    static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_DISTANT_LIGHT,
+                                       SBL__LAMP_SKY_TEXEL, SBL__LAMP_GLOW };
+    static const uint32_t expected[5] = { 7, 3, 3, 5, 0 };
+    static sbl__lamp_trees l;
+    static sbl__lamps lamps;
+    sbl_light lights[2];
+    sbl__geometry g;
+    sbl__hierarchy h;
+    sbl__environment e;
+    sbl__object objects[2];
+    sbl__vertex vertices[3];
+    uint32_t indices[6] = { 0, 0, 0, 1, 1, 1 }, order[2] = { 0, 1 };
+    int i;
+    memset(&g, 0, sizeof g);
+    memset(&h, 0, sizeof h);
+    memset(&e, 0, sizeof e);
+    memset(lights, 0, sizeof lights);
+    memset(objects, 0, sizeof objects);
+    memset(vertices, 0, sizeof vertices);
+    g.indices = indices;
+    g.vertices = vertices;
+    g.objects = objects;
+    h.order = order;
+    vertices[1].object = 1;
+    objects[1].layer = 7;
+    lights[1].light_group = 3;
+    e.layer = 5;
+    lamps.lights = lights;
+    l.geometry = &g;
+    l.hierarchy = &h;
+    l.environment = &e;
+    l.lamps = &lamps;
+    for (i = 0; i < 5; i++)
+        CHECK(sbl__lamp_layer(&l, kinds[i] << SBL__LAMP_KIND_SHIFT | 1) == expected[i], "lamp %d is in group %u", i,
+              sbl__lamp_layer(&l, kinds[i] << SBL__LAMP_KIND_SHIFT | 1));
+}
+
+static void SBL__GLAPI no_wait(void) {}
+static unsigned SBL__GLAPI no_gl_error(void) { return SBL__GL_NO_ERROR; }
+
+/* The estimated cost of work rises at once. It falls by a tenth of the difference, or by half of it if it was far too
+   high. */
+TEST(costs_fall_slowly) {
+    static const double costs[4][2] = { { 0, 1 }, { 0.5, 1 }, { 2, 1.9 }, { 10, 5.5 } };  /* before, after */
+    static sbl__device d;
+    int i;
+    d.base = &base;
+    d.gl.base = &base;
+    d.gl.Finish = no_wait;
+    d.gl.GetError = no_gl_error;
+    for (i = 0; i < 4; i++) {
+        sbl__pace p;
+        p.cost = costs[i][0];
+        p.start = sbl__now() - 1000;
+        CHECK(sbl__pace_end(&d, &p, 1000) == SBL_SUCCESS && fabs(p.cost - costs[i][1]) < 0.02, "from %g to %g, not %g",
+              costs[i][0], p.cost, costs[i][1]);
+    }
+}
+
+/* The extent of a scene is its diagonal plus the largest distance from 0 along an axis, in coordinates of the library
+   and of the host. Geometry that the host draws counts. A scene without size has the extent 1. */
+TEST(extents_are_measured) {
+    static const float drawn[2][3] = { { -20, 0, 0 }, { 1, 1, 1 } };
+    sbl__geometry g;
+    sbl__vertex vertices[3];
+    uint32_t indices[3] = { 0, 1, 2 };
+    memset(&g, 0, sizeof g);
+    memset(vertices, 0, sizeof vertices);
+    sbl__geometry_measure(&g, NULL);
+    CHECK(fabs((double)g.extent - 1) < 1e-6 && fabs((double)g.hosts_extent - 1) < 1e-6, "nothing has the extent %g",
+          (double)g.extent);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.triangle_count = 1;
+    g.centre[1] = 50;
+    vertices[0].position[0] = -10;
+    vertices[1].position[0] = 2;
+    vertices[2].position[1] = 5;
+    sbl__geometry_measure(&g, NULL);
+    CHECK(fabs(g.diagonal - 13) < 1e-6 && fabs(g.farthest - 10) < 1e-6 && fabs((double)g.extent - 23) < 1e-5 &&
+              fabs((double)g.hosts_extent - 68) < 1e-5, "diagonal %g, farthest %g, of the host %g", g.diagonal,
+          g.farthest, (double)g.hosts_extent);
+    sbl__geometry_measure(&g, drawn);
+    CHECK(fabs(g.farthest - 20) < 1e-6 && fabs(g.diagonal - sqrt(22 * 22 + 26)) < 1e-6, "drawn: diagonal %g, farthest "
+          "%g", g.diagonal, g.farthest);
+}
+
+/* Three of the four corners of a tile have light of 3, 6 and 9 with variances of 8, 12 and 16. The tile has their
+   means, relative to a mean of 2, and 4/9 of the noise. Its ten pixels that count add them to the sums of the
+   picture. */
+TEST(tiles_have_the_mean_of_their_corners) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    static const int corners[4] = { 0, 4, 20, 24 };
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    memset(&tile, 0, sizeof tile);
+    r.luminance = 2;
+    r.smoothing = 1;
+    r.shown2 = 0.25f;
+    tile.parent = -1;
+    tile.area.x[1] = tile.area.y[1] = 4;
+    tile.counted = 10;
+    tile.weight2 = 0.5f;
+    for (i = 0; i < 4; i++) {
+        sbl__sensor *s = &sensors[corners[i]];
+        pixels[corners[i]].sensor = (uint32_t)corners[i];
+        s->sensed = 1;
+        s->looks = 1;
+        s->invalid = i == 3;
+        s->variance = (float)(8 + 4 * i);
+        for (k = 0; k < 3; k++) s->radiance[k] = (float)(3 + 3 * i);
+    }
+    sbl__tile_noise(&r, &tile);
+    CHECK(fabs((double)tile.variance - 3) < 1e-5 && fabs((double)tile.noise2 - 4 / 3.0) < 1e-5 &&
+              fabs((double)tile.light - 6) < 1e-5, "variance %g, noise %g, light %g", (double)tile.variance,
+          (double)tile.noise2, (double)tile.light);
+    CHECK(fabs(r.sum[0] - 60) < 1e-4 && fabs(r.sum[2] - 60) < 1e-4 && fabs(r.pixels_summed - 10) < 1e-6 &&
+              fabs(r.look_variance - 60) < 1e-4 && fabs(r.shown_sum - 60 * sqrt(0.5)) < 1e-4,
+          "the sums are %g, %g and %g", r.sum[0], r.look_variance, r.shown_sum);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1685,6 +1884,13 @@ int main(void) {
     RUN(layers_are_progress);
     RUN(joined_texels_have_a_mean);
     RUN(groups_of_meshes_inside_out);
+    RUN(windows_and_tiles_have_ends);
+    RUN(dark_sensors_are_inside);
+    RUN(cuts_lead_on);
+    RUN(lamps_have_the_group_of_their_source);
+    RUN(costs_fall_slowly);
+    RUN(extents_are_measured);
+    RUN(tiles_have_the_mean_of_their_corners);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
