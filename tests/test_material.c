@@ -252,9 +252,133 @@ TEST(shiny_materials_follow_their_formulas) {
     }
 }
 
+static const sbl_material black[MATERIALS];
+
+/* Makes a texture of two texels. values: four numbers per texel, or two integers */
+static sbl_result two_texels(sbl__texture *t, unsigned format, const void *values) {
+    const sbl__device *d = &context->core.device;
+    const sbl_result result = sbl__texture_make(d, t, 2, 1, format);
+    return result == SBL_SUCCESS ? sbl__texture_write(d, t, 0, 1, values) : result;
+}
+
+/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
+static sbl_result compose(float out[2][4]) {
+    static const float albedo[8] = { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 };
+    static const float one[8] = { 1, 1, 1, 1, 1, 1, 1, 1 }, lobe[8] = { -1, -1, -1, 1, 3, 3, 3, 1 };
+    static const uint32_t ids[2] = { 1, 1 };
+    sbl__device *d = &context->core.device;
+    sbl__texture textures[6];
+    sbl__gbuffer g;
+    sbl__camera camera;
+    sbl__target target;
+    sbl__resolve r;
+    sbl__visit visit;
+    const int rows[2] = { 0, 1 };
+    sbl_result result;
+    int i;
+    memset(textures, 0, sizeof textures);
+    memset(&g, 0, sizeof g);
+    memset(&camera, 0, sizeof camera);
+    memset(&target, 0, sizeof target);
+    memset(&r, 0, sizeof r);
+    camera.whole[0] = camera.whole[1] = camera.orthographic = 1;
+    camera.whole_to_clip[0] = camera.whole_to_clip[5] = 1;
+    sbl__visit_enter(context, &visit);
+    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, albedo);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, one);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_RGBA32F, lobe);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[4], SBL__GL_R32UI, ids);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 4 : 2];
+    g.textures[SBL__GBUFFER_ALBEDO] = textures[1];
+    r.centres = r.sample = &g;
+    r.emission = r.radiance = r.previous = &textures[2];
+    r.reflected = &textures[3];
+    r.environment = &context->core.scene.environment;
+    r.camera = &camera;
+    r.count = 1;
+    r.backdrop = black[0].albedo;
+    if (result == SBL_SUCCESS) result = sbl__resolve_draw(d, &r, &target, rows);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
+    sbl__target_delete(d, &target);
+    for (i = 0; i < 6; i++) sbl__texture_delete(d, &textures[i]);
+    sbl__visit_leave(context, &visit);
+    return result;
+}
+
+/* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make this light negative; it then counts
+   as 0. */
+TEST(lobes_take_no_light_away) {
+    float out[2][4];
+    sbl_result result;
+    int i;
+    REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
+    result = compose(out);
+    REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+    for (i = 0; i < 6; i++)
+        CHECK(fabs((double)out[i / 3][i % 3] - (i < 3 ? 1.5 : 4.5)) < 1e-6, "pixel %d shows %g", i / 3,
+              (double)out[i / 3][i % 3]);
+}
+
+/* Filters a layer of two pixels, which are 0 and 8, with R of 4 in both. */
+static sbl_result smooth(int is_group, float out[2][4]) {
+    static const float whole[8] = { 4, 4, 4, 1e-3f, 4, 4, 4, 1e-3f }, layer[8] = { 0, 0, 0, 0, 8, 8, 8, 0 };
+    static const uint32_t ids[2] = { 1, 1 };
+    sbl__device *d = &context->core.device;
+    sbl__texture textures[4];
+    sbl__gbuffer g;
+    sbl__target target;
+    sbl__filter f;
+    sbl__visit visit;
+    const int rows[2] = { 0, 1 };
+    sbl_result result;
+    int i;
+    memset(textures, 0, sizeof textures);
+    memset(&g, 0, sizeof g);
+    memset(&target, 0, sizeof target);
+    memset(&f, 0, sizeof f);
+    sbl__visit_enter(context, &visit);
+    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, whole);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, layer);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_R32UI, ids);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 3 : 1];
+    f.radius = 2;
+    f.radiance = &textures[1];
+    f.layer = &textures[2];
+    f.is_group = is_group;
+    if (result == SBL_SUCCESS) result = sbl__filter_draw(d, &f, &g, &target, rows);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
+    sbl__target_delete(d, &target);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &textures[i]);
+    sbl__visit_leave(context, &visit);
+    return result;
+}
+
+/* A light group is filtered with the weights of R: by the Gaussian alone where R is equal. A harmonic keeps a difference
+   that is far above its noise. */
+TEST(groups_are_filtered_as_the_whole) {
+    const double beside = exp(-0.5), blurred = 8 * beside / (1 + beside);
+    int is_group, i;
+    REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
+    for (is_group = 0; is_group < 2; is_group++) {
+        float out[2][4];
+        const sbl_result result = smooth(is_group, out);
+        REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+        for (i = 0; i < 2; i++) {
+            const double expected = is_group ? (i ? 8 - blurred : blurred) : 8 * i;
+            CHECK(fabs((double)out[i][0] - expected) < 1e-4, "pixel %d is %g, not %g", i, (double)out[i][0], expected);
+        }
+    }
+}
+
 int main(void) {
     RUN(materials_in_c_and_in_shaders);
     RUN(shiny_materials_follow_their_formulas);
+    RUN(lobes_take_no_light_away);
+    RUN(groups_are_filtered_as_the_whole);
     sbl_destroy(context);
     return test_report();
 }

@@ -1831,6 +1831,41 @@ TEST(tiles_have_the_mean_of_their_corners) {
           "the sums are %g, %g and %g", r.sum[0], r.look_variance, r.shown_sum);
 }
 
+/* A flat box at a distance gets a thickness: at least 1e-4 of its longest side and 1e-6 of its distance, which floats
+   can resolve. */
+TEST(flat_boxes_are_thick_enough) {
+    static const double expected[3] = { 1e-3, 1e-5, 1e-3 };
+    static sbl__bvh_building building;
+    static sbl__hierarchy h;
+    uint32_t children[2][4];
+    sbl__grid_node grid;
+    sbl__box box = { { 0, 10, 5 }, { 0.001f, 10, 5.001f } };
+    int k;
+    building.children = children;
+    h.building = &building;
+    grid = sbl__bvh_add_grid(&h, &box, 3);
+    CHECK(grid.root == 1 && grid.around == 3 && h.node_count == 1, "root %u, around %u", grid.root, grid.around);
+    for (k = 0; k < 3; k++) {
+        const double size = 65533 / (double)grid.per_length[k];
+        CHECK(fabs(size / expected[k] - 1) < 1e-3, "axis %d: the box has the size %g", k, size);
+    }
+}
+
+/* A glimpse has large tiles, an error of its own, and no threshold. The picture's descriptor stays. */
+TEST(glimpses_are_coarse) {
+    static sbl__core core;
+    static sbl__map m;
+    m.work.core = &core;
+    m.desc.tile = 2;
+    m.desc.threshold = 0.5f;
+    m.desc.target_error = 0.01f;
+    sbl__map_begin_glimpse(&m);
+    CHECK(m.refine.tile_size == SBL__GLIMPSE_TILE && !(m.refine.threshold > 0) &&
+              fabs((double)m.refine.target_error - (double)SBL__GLIMPSE_ERROR) < 1e-9, "tile %d, threshold %g, error %g",
+          m.refine.tile_size, (double)m.refine.threshold, (double)m.refine.target_error);
+    CHECK(m.desc.tile == 2 && m.desc.threshold > 0 && m.glimpse == SBL__GLIMPSE_UNDER_WAY, "the picture changes");
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1891,6 +1926,8 @@ int main(void) {
     RUN(costs_fall_slowly);
     RUN(extents_are_measured);
     RUN(tiles_have_the_mean_of_their_corners);
+    RUN(flat_boxes_are_thick_enough);
+    RUN(glimpses_are_coarse);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
