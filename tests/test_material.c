@@ -357,8 +357,8 @@ static sbl_result smooth(int is_group, float out[2][4]) {
     return result;
 }
 
-/* A light group is filtered with the weights of R: by the Gaussian alone where R is equal. A harmonic keeps a difference
-   that is far above its noise. */
+/* A light group is filtered with the weights of R: by the Gaussian alone where R is equal. A harmonic keeps a
+   difference that is far above its noise. */
 TEST(groups_are_filtered_as_the_whole) {
     const double beside = exp(-0.5), blurred = 8 * beside / (1 + beside);
     int is_group, i;

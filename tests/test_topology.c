@@ -1861,8 +1861,8 @@ TEST(glimpses_are_coarse) {
     m.desc.target_error = 0.01f;
     sbl__map_begin_glimpse(&m);
     CHECK(m.refine.tile_size == SBL__GLIMPSE_TILE && !(m.refine.threshold > 0) &&
-              fabs((double)m.refine.target_error - (double)SBL__GLIMPSE_ERROR) < 1e-9, "tile %d, threshold %g, error %g",
-          m.refine.tile_size, (double)m.refine.threshold, (double)m.refine.target_error);
+              fabs((double)m.refine.target_error - (double)SBL__GLIMPSE_ERROR) < 1e-9, "tile %d, threshold %g, error "
+          "%g", m.refine.tile_size, (double)m.refine.threshold, (double)m.refine.target_error);
     CHECK(m.desc.tile == 2 && m.desc.threshold > 0 && m.glimpse == SBL__GLIMPSE_UNDER_WAY, "the picture changes");
 }
 
