@@ -1866,6 +1866,53 @@ TEST(glimpses_are_coarse) {
     CHECK(m.desc.tile == 2 && m.desc.threshold > 0 && m.glimpse == SBL__GLIMPSE_UNDER_WAY, "the picture changes");
 }
 
+/* Reflections are traced with all their rays, without a limit of length and without a threshold. They have a price of
+   their own. */
+TEST(reflections_have_their_own_options) {
+    static sbl__core core;
+    static sbl__map m;
+    static sbl__reflections f;
+    core.base = base;
+    core.device.base = &core.base;
+    m.work.core = &core;
+    m.desc.width = m.desc.height = 1;
+    m.desc.target_error = 0.05f;
+    m.desc.threshold = 0.5f;
+    m.desc.look_rays = 8;
+    m.desc.price = 1;
+    m.desc.specular_price = 2;
+    m.desc.options.mode = m.work.measurement.options.mode = SBL_MODE_DIRECT;
+    m.work.measurement.looks = m.work.measurement.look_rays = 1;
+    m.work.measurement.options.backend = SBL_BACKEND_RASTER;
+    m.work.measurement.options.ray_length = 3;
+    REQUIRE(sbl__reflections_begin(&f, &m) == SBL_SUCCESS, "no memory");
+    CHECK(f.spec.traced && f.spec.lobe && !f.spec.no_light && f.spec.rays == SBL__REFLECTIONS_RAYS &&
+              !(f.spec.ray_length > 0), "%d rays of the length %g", f.spec.rays, (double)f.spec.ray_length);
+    CHECK(fabs((double)f.refine.price - 2) < 1e-6 && !(f.refine.threshold > 0) && !f.refine.look_rays,
+          "price %g, threshold %g", (double)f.refine.price, (double)f.refine.threshold);
+    sbl__refine_free(&core.device, &f.refine);
+    sbl__free(&core.base, f.errors);
+    CHECK(core.base.memory.host_bytes == 0, "memory is left");
+}
+
+/* The end of a refinement frees the job of traced rays, and keeps that of views, whose weights take long to compute. */
+TEST(jobs_of_views_are_kept) {
+    static sbl__core core;
+    sbl__refine r;
+    sbl__spec spec;
+    memset(&r, 0, sizeof r);
+    memset(&spec, 0, sizeof spec);
+    core.base = base;
+    core.device.base = &core.base;
+    r.core = &core;
+    r.spec = &spec;
+    core.job.looks = (sbl__look *)sbl__alloc(&core.base, 1, sizeof(sbl__look));
+    CHECK(sbl__refine_end(&r) == SBL_SUCCESS && core.job.looks, "the job of views is freed");
+    spec.traced = 1;
+    CHECK(sbl__refine_end(&r) == SBL_SUCCESS && !core.job.looks && core.base.memory.host_bytes == 0,
+          "the job of rays is kept");
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1928,6 +1975,8 @@ int main(void) {
     RUN(tiles_have_the_mean_of_their_corners);
     RUN(flat_boxes_are_thick_enough);
     RUN(glimpses_are_coarse);
+    RUN(reflections_have_their_own_options);
+    RUN(jobs_of_views_are_kept);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
