@@ -1913,6 +1913,109 @@ TEST(jobs_of_views_are_kept) {
           "the job of rays is kept");
 }
 
+/* One channel is grey, two are grey and alpha, three have no alpha. Rows may be apart. */
+TEST(pixels_of_all_kinds_are_read) {
+    enum { SIDE = 2, PIXEL = 4, ROW = 10 };
+    static const int from[4][4] = {  /* -1: unchanged */
+        { 0, 0, 0, -1 }, { 0, 0, 0, 1 }, { 0, 1, 2, -1 }, { 0, 1, 2, 3 }
+    };
+    unsigned char bytes[SIDE * ROW];
+    float floats[SIDE * ROW];
+    sbl_texture t;
+    int i, channels, k, wide;
+    for (i = 0; i < SIDE * ROW; i++) {
+        bytes[i] = (unsigned char)(10 * i);
+        floats[i] = (float)(2 * i);
+    }
+    memset(&t, 0, sizeof t);
+    t.width = t.height = SIDE;
+    for (i = 0; i < 16; i++) {  /* bytes, floats; rows without and with a gap; 1 to 4 channels */
+        const int at = (wide = i >> 1 & 1) ? ROW : 0;
+        channels = i / 4 + 1;
+        t.channels = channels;
+        t.pixels = i & 1 ? (const void *)floats : (const void *)bytes;
+        t.format = i & 1 ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
+        t.stride = (size_t)(at * (i & 1 ? 4 : 1));
+        for (k = 0; k < PIXEL; k++) {
+            float c[4] = { -9, -9, -9, -9 };
+            const int first = (wide ? ROW : SIDE * channels) + channels, source = from[channels - 1][k];
+            const double expected = source < 0 ? -9 : (i & 1 ? 2.0 : 10 / 255.0) * (first + source);
+            sbl__read_pixel(&t, 1, 1, c);
+            CHECK(fabs((double)c[k] - expected) < 1e-5, "case %d, component %d is %g", i, k, (double)c[k]);
+        }
+    }
+}
+
+/* The axes of a sky are a turned right-handed frame whose second axis points up. The middle of the picture is the
+   direction of its first axis, and a quarter further is that of its third. Without rotation, the axes are turned by the
+   shortest way. */
+TEST(skies_are_turned) {
+    static const float ups[5][3] = { { 0, 0, 0 }, { 0, 1, 0 }, { 2, 1, -2 }, { -0.3f, -3, 0.4f }, { 0, -1, 0 } };
+    int i, k;
+    for (i = 0; i < 10; i++) {
+        sbl_environment desc;
+        sbl__environment e;
+        double up[3], cross[3], axes[3][3], way[3], off = 0;
+        memset(&desc, 0, sizeof desc);
+        memset(&e, 0, sizeof e);
+        memcpy(desc.up, ups[i % 5], sizeof desc.up);
+        desc.rotation = i < 5 ? 0 : 90.0f;
+        sbl__environment_axes(&e, &desc);
+        for (k = 0; k < 9; k++) axes[k / 3][k % 3] = (double)e.axes[k / 3][k % 3];
+        for (k = 0; k < 3; k++) up[k] = i % 5 ? (double)desc.up[k] : k == 1;
+        sbl__normalize(up);
+        sbl__cross(axes[0], axes[1], cross);
+        for (k = 0; k < 3; k++) off += fabs(axes[1][k] - up[k]) + fabs(cross[k] - axes[2][k]);
+        CHECK(off < 1e-5, "sky %d: the axes are off by %g", i, off);
+        /* the trace of the rotation to `up`, followed by that about `up`: (1 + up.y) (1 + cos(rotation)) - 1 */
+        off = fabs(axes[0][0] + axes[1][1] + axes[2][2] - (i < 5 ? 1 + 2 * up[1] : up[1]));
+        CHECK(off < 1e-5, "sky %d: the trace is off by %g", i, off);
+        e.width = 4;
+        e.height = 3;
+        sbl__environment_direction(&e, 2, 1, way);  /* an eighth behind the middle, on the horizon */
+        off = 0;
+        for (k = 0; k < 3; k++) off += fabs(way[k] - sqrt(0.5) * (axes[0][k] + axes[2][k]));
+        CHECK(off < 1e-5, "sky %d: the direction is off by %g", i, off);
+    }
+}
+
+/* The bins of worth follow each other without gaps. */
+TEST(bins_of_worth_are_in_order) {
+    int bin;
+    for (bin = 1; bin + 1 < SBL__GAIN_BINS; bin++) {
+        const float low = sbl__bin_worth(bin), high = sbl__bin_worth(bin + 1);
+        if (!(low > 1e-37f) || !(high < 1e37f)) continue;
+        CHECK(high > low && high < 1.3f * low && sbl__worth_bin(low) == bin && sbl__worth_bin(0.999f * high) == bin &&
+                  sbl__worth_bin(high) == bin + 1, "bin %d: %g to %g", bin, (double)low, (double)high);
+    }
+}
+
+/* A leaf takes more points only from far hits. Black surfaces get all leaves, none, or a quarter. */
+TEST(leaves_have_limits) {
+    static sbl__bounce b;
+    sbl__bounce_leaf state;
+    sbl__store store;
+    sbl__hit at;
+    memset(&state, 0, sizeof state);
+    memset(&store, 0, sizeof store);
+    memset(&at, 0, sizeof at);
+    b.states = &state;
+    b.store = &store;
+    state.most = 4 * SBL__BOUNCE_POINTS;
+    store.length = 0.5f;
+    store.max_leaves = 1000;
+    at.distance = 0.49f * (float)SBL__BOUNCE_AFAR;
+    CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "a near hit becomes a further point");
+    at.distance = 0.51f * (float)SBL__BOUNCE_AFAR;
+    CHECK(sbl__points_most(&b, &at, 0) == 4 * SBL__BOUNCE_POINTS, "a far hit becomes no further point");
+    b.black = SBL__BLACK_EQUAL;
+    CHECK(sbl__cells_black_most(&b) == 1000, "%d leaves may be black", sbl__cells_black_most(&b));
+    b.black = SBL__BLACK_LEFT_OUT;
+    CHECK(sbl__cells_black_most(&b) == 0, "%d leaves may be black", sbl__cells_black_most(&b));
+    b.black = SBL__BLACK_JOINED;
+    CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -1977,6 +2080,10 @@ int main(void) {
     RUN(glimpses_are_coarse);
     RUN(reflections_have_their_own_options);
     RUN(jobs_of_views_are_kept);
+    RUN(pixels_of_all_kinds_are_read);
+    RUN(skies_are_turned);
+    RUN(bins_of_worth_are_in_order);
+    RUN(leaves_have_limits);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
