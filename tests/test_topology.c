@@ -1930,12 +1930,12 @@ TEST(pixels_of_all_kinds_are_read) {
     memset(&t, 0, sizeof t);
     t.width = t.height = SIDE;
     for (i = 0; i < 16; i++) {  /* bytes, floats; rows without and with a gap; 1 to 4 channels */
-        const int at = (wide = i >> 1 & 1) ? ROW : 0;
         channels = i / 4 + 1;
+        wide = i >> 1 & 1;
         t.channels = channels;
         t.pixels = i & 1 ? (const void *)floats : (const void *)bytes;
         t.format = i & 1 ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
-        t.stride = (size_t)(at * (i & 1 ? 4 : 1));
+        t.stride = (size_t)(wide ? ROW : 0) * (i & 1 ? 4 : 1);
         for (k = 0; k < PIXEL; k++) {
             float c[4] = { -9, -9, -9, -9 };
             const int first = (wide ? ROW : SIDE * channels) + channels, source = from[channels - 1][k];
