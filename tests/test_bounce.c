@@ -1050,14 +1050,15 @@ static double ground_by(int lamp, double x, double z, double shade) {
    a shadow covers the foot of the wall or another lamp is near. Sites on the wall are close above the ground. */
 TEST(lamps_light_near_hits) {
     enum { STEPS = 1000 };
-    static const float shade = 0.05f, height = 0.03f;
+    static const float shade = 0.05f, height = 0.03f, quarter[3] = { 0.25f, 0.25f, 0.25f };
     int lamp, i;
     for (lamp = 0; lamp < NEAR_LAMPS; lamp++) {
         test_scene s = { 0 };
         sbl_light *light = NULL;
         double expected = 0, found;
         const int white = scene_material(&s, 0.5f, 0.5f, 0.5f), black = scene_material(&s, 0, 0, 0);
-        scene_floor(&s, white, 0, 5);
+        if (lamp == NEAR_POINT) scene_quad(&s, white, -5, 0, -5, 5, 0, -5, 5, 0, 5, -5, 0, 5);  /* its back is seen */
+        else scene_floor(&s, white, 0, 5);
         scene_quad(&s, black, 0, 0, -5, 0, 0, 5, 0, 4, 5, 0, 4, -5);
         if (lamp == NEAR_SUN || lamp == NEAR_SUN_AND_SPOT) {
             scene_quad(&s, black, 0, 3, -5, 0, 3, 5, shade, 3, 5, shade, 3, -5);
@@ -1065,8 +1066,10 @@ TEST(lamps_light_near_hits) {
         }
         if (lamp == NEAR_TRIANGLES) {
             const float a = 0.01f, l = (float)(TEST_PI / 0.0004);
-            scene_quad(&s, scene_lamp(&s, l, 0, 0), 0.15f - a, 0.2f, -a, 0.15f + a, 0.2f, -a, 0.15f + a, 0.2f, a,
+            scene_quad(&s, scene_lamp(&s, 4 * l, 0, 0), 0.15f - a, 0.2f, -a, 0.15f + a, 0.2f, -a, 0.15f + a, 0.2f, a,
                        0.15f - a, 0.2f, a);
+            s.materials[s.material_count - 1].emission_texture =
+                scene_texture(&s, quarter, sizeof quarter, SBL_PIXELS_FLOAT, 1, 1, 3);
         } else if (lamp != NEAR_SUN) {
             light = scene_light(&s, lamp == NEAR_POINT ? SBL_LIGHT_POINT : SBL_LIGHT_SPOT, (float)TEST_PI, 0, 0);
             light->position[0] = 0.15f;

@@ -131,6 +131,40 @@ TEST(sky_and_lights) {
     scene_free(&s);
 }
 
+/* 300 suns shine in all directions, most of them from below, on ground far above the origin. So many lamps are measured
+   in clusters; the cluster of all suns has its middle below the ground. R is the sum of the cosines of those above. */
+TEST(suns_in_clusters) {
+    enum { SUNS = 300 };
+    static sbl_light suns[SUNS];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    double expected[3] = { 0, 0, 0 };
+    sbl_reading r;
+    int i, k;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 10, 1);
+    REQUIRE(use_scene(&s), "no scene");
+    scene = scene_desc(&s);
+    for (i = 0; i < SUNS; i++) {
+        const double up = -1 + 1.7 * (i + 0.5) / SUNS, across = sqrt(1 - up * up);
+        suns[i].kind = SBL_LIGHT_DIRECTIONAL;
+        suns[i].direction[0] = (float)(-across * cos(2.4 * i));
+        suns[i].direction[1] = (float)-up;
+        suns[i].direction[2] = (float)(-across * sin(2.4 * i));
+        for (k = 0; k < 3; k++) {
+            suns[i].intensity[k] = (float)(1 + (i + k) % 3);
+            expected[k] += fmax(up, 0) * (double)suns[i].intensity[k] / TEST_PI;
+        }
+    }
+    scene.lights = suns;
+    scene.light_count = SUNS;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    r = reading_at(site_of(0.1f, 10, 0.2f, 0, 1, 0), 1024);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs((double)r.radiance[k] / expected[k] - 1) < 0.01, "R[%d] is %g, not %g", k, (double)r.radiance[k],
+              expected[k]);
+    scene_free(&s);
+}
+
 /* A site is above the centre of a disc of angular radius t, at the height h. The disc's cosine-weighted share of the
    hemisphere is sin^2 t, and the mean distance over it is 2 h / (1 + cos t). */
 TEST(distances_to_a_disc) {
@@ -553,6 +587,7 @@ TEST(memory_runs_out) {
 int main(void) {
     RUN_UNSANITIZED(readings_equal_the_picture);
     RUN(sky_and_lights);
+    RUN(suns_in_clusters);
     RUN(distances_to_a_disc);
     RUN(lamps_and_noise);
     RUN(normals_of_any_length);

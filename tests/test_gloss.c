@@ -611,6 +611,27 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
+/* Under a sky of 1, white metal with a little diffuse light, and white, blurred metal that covers half of the sky below
+   it, lose no light. */
+TEST(mirrors_lose_no_light) {
+    int kind;
+    for (kind = 0; kind < 2; kind++) {
+        test_scene s = { 0 };
+        sbl_mesh *plate;
+        shot p;
+        const sbl_picture_desc view = view_of_plate(1, 1, 1, 50, 16);
+        scene_sky(&s, 1, 1, 1);
+        plate = scene_floor(&s, scene_gloss(&s, 1, 1, 1, kind ? 1 : 0.9, kind ? 0.07 : 0.06), 0, 1);
+        if (kind) scene_blend(&s, plate, 0.5f);
+        if (!shoot(&p, &s, &view)) return;
+        printf("    %.4f\n", (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[0]);
+        CHECK(fabs((double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[0] - 1) < 0.01, "a mirror shows %.4f",
+              (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[0]);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* A pane mirrors another pane, which tints the sky behind it. */
 TEST(panes_show_panes_in_mirrors) {
     test_scene s = { 0 };
@@ -2597,6 +2618,7 @@ int main(void) {
     RUN_UNSANITIZED(mirrors_show_lamps);
     RUN_UNSANITIZED(mirrors_show_surfaces);
     RUN_UNSANITIZED(mirrors_blur_what_they_show);
+    RUN_UNSANITIZED(mirrors_lose_no_light);
     RUN_UNSANITIZED(panes_mirror_bounced_light);
     RUN_UNSANITIZED(panes_mirror_metal);
     RUN_UNSANITIZED(panes_blur_polished_metal);

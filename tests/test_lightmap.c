@@ -977,6 +977,8 @@ TEST(charts_outside_are_named) {
     static const float left[8] = { -0.3f, 0.5f, 0.3f, 0.5f, 0.3f, 0.9f, -0.3f, 0.9f };
     static const float far_off[8] = { 1e30f, -1e30f, 3e38f, 1, -3e38f, 3e38f, 7, 7 };
     strange(here, there, SBL_LOG_ITEM_OUTSIDE, "1.5 0.");
+    CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "2 triangles lie partly outside", NULL, NULL), "%s",
+          watch_last(&seen));
     strange(here, left, SBL_LOG_ITEM_OUTSIDE, "-0.3 0.");
     strange(here, far_off, SBL_LOG_ITEM_OUTSIDE, "lightmap");
 }

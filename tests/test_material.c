@@ -1,5 +1,5 @@
 /* Tests of the material interface: for random materials, material.glsl and the C functions in the section >>material of
-   sbl.h give the same values. */
+   sbl.h give the same values, and reflections and transmission follow their formulas. */
 #include "support/private.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -42,10 +42,45 @@ static float any_of(uint32_t *state, float most) {
     return x < 0.2 ? 0 : x < 0.3 ? most : most * (float)chance(state);
 }
 
-/* Evaluates the materials of the scene in a shader. The result has two rows of texels: front sides and back sides. */
-static sbl_result shade_materials(const float light[3], float texels[3][2 * MATERIALS][4]) {
+/* Surfaces that are not matte, with a vertex colour, seen at a grazing and at a steep angle */
+static const char *const shiny_shader[] = {
+    "layout(location = 0) out vec4 out_diffuse;\n"
+    "layout(location = 1) out vec4 out_reflectance;\n"
+    "layout(location = 2) out vec4 out_clear;\n"
+    "layout(location = 3) out vec4 out_passing;\n"
+    "layout(location = 4) out vec4 out_mirrored;\n"
+    "layout(location = 5) out vec4 out_lobe;\n"
+    "void main() {\n"
+    "    int object = int(gl_FragCoord.x);\n"
+    "    float cosine = gl_FragCoord.y < 1.0 ? 0.25 : 0.8;\n"
+    "    sbl_Material m = sbl_material(object, sbl_Attributes(vec2(0), vec4(1.0, 0.5, 0.75, 0.6)));\n"
+    "    out_diffuse = vec4(m.diffuse, m.roughness);\n"
+    "    out_reflectance = vec4(m.reflectance, m.opacity);\n"
+    "    out_clear = vec4(m.clear, (sbl_shines(m, m.reflectance) ? 1 : 0) + (sbl_hit_as_gloss(m) ? 2 : 0));\n"
+    "    out_passing = vec4(sbl_passing(object, m, -cosine), 0);\n"
+    "    out_mirrored = vec4(sbl_mirror_share(m, cosine), 0);\n"
+    "    vec3 weight, normal = vec3(0, 0.6, 0.8), side = vec3(0, 0.8, -0.6);\n"
+    "    sbl_Lobe l = sbl_lobe_of(normal, cosine * normal + sqrt(1.0 - cosine * cosine) * side, m.reflectance,\n"
+    "                             max(m.roughness, 0.3));\n"
+    "    vec3 way = sbl_lobe_sample(l, vec2(0.3, 0.7), weight);\n"
+    "    out_lobe = vec4(sbl_lobe_factor(l, way) * max(dot(way, normal), 0.0) /\n"
+    "                    (SBL_PI * sbl_lobe_density(l, way)) - weight, 0);\n"
+    "    sbl_blur_by_normals(m, 0.9);\n"
+    "    out_passing.a = m.roughness;\n"
+    "}\n", 0 };
+
+static const sbl__recipe shiny_recipe = { "shiny",
+                                          { sbl__glsl_fullscreen_vertex },
+                                          { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material,
+                                            shiny_shader },
+                                          { &sbl__object_record },
+                                          SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR };
+
+/* Evaluates the materials of the scene in a shader with `count` outputs. The result has two rows of texels. */
+static sbl_result shade_materials(const sbl__recipe *recipe, int count, const float light[3],
+                                  float texels[][2 * MATERIALS][4]) {
     sbl__device *d = &context->core.device;
-    sbl__texture textures[3];
+    sbl__texture textures[8];
     sbl__target target;
     sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
@@ -53,10 +88,10 @@ static sbl_result shade_materials(const float light[3], float texels[3][2 * MATE
     memset(textures, 0, sizeof textures);
     memset(&target, 0, sizeof target);
     sbl__visit_enter(context, &visit);
-    for (i = 0; i < 3 && result == SBL_SUCCESS; i++)
+    for (i = 0; i < count && result == SBL_SUCCESS; i++)
         result = sbl__texture_make(d, &textures[i], MATERIALS, 2, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 3, NULL);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &material_recipe, context->core.scene.features);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, count, NULL);
+    if (result == SBL_SUCCESS) result = sbl__use(d, recipe, context->core.scene.features);
     if (result == SBL_SUCCESS) {
         sbl__pass(d, &target, NULL, NULL, 0);
         sbl__scene_bind(d, &context->core.scene);
@@ -64,31 +99,23 @@ static sbl_result shade_materials(const float light[3], float texels[3][2 * MATE
         sbl__draw_screen(d);
         result = sbl__gl_check(&d->gl);
     }
-    for (i = 0; i < 3 && result == SBL_SUCCESS; i++) result = sbl__target_read(d, &target, i, 0, 2, texels[i]);
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) result = sbl__target_read(d, &target, i, 0, 2, texels[i]);
     sbl__target_delete(d, &target);
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &textures[i]);
+    for (i = 0; i < count; i++) sbl__texture_delete(d, &textures[i]);
     sbl__visit_leave(context, &visit);
     return result;
 }
 
-/* C and GLSL give the same emission, share of bounced light and reflection, to the bit or within rounding errors. */
-TEST(materials_in_c_and_in_shaders) {
-    static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, light[3] = { 0.5f, 3, 1000 };
-    static float texels[3][2 * MATERIALS][4];
+/* Makes a scene with a triangle of each material. */
+static int use_materials(const sbl_material materials[MATERIALS]) {
+    static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 };
     const sbl_context_desc desc = watch_desc(&seen);
-    sbl_material materials[MATERIALS];
     sbl_mesh meshes[MATERIALS];
     sbl_scene_desc scene;
-    uint32_t state = 5;
-    sbl_result result;
-    int i, k, back, dark = 0, clamped = 0;
-    memset(materials, 0, sizeof materials);
+    int i;
     memset(meshes, 0, sizeof meshes);
     memset(&scene, 0, sizeof scene);
     for (i = 0; i < MATERIALS; i++) {
-        for (k = 0; k < 3; k++) materials[i].albedo[k] = any_of(&state, 1);
-        for (k = 0; k < 3 && i % 3; k++) materials[i].emission[k] = any_of(&state, 100);
-        materials[i].flags = i & 1 ? SBL_MATERIAL_ONE_SIDED_EMISSION : 0;
         meshes[i].positions.data = corners;
         meshes[i].vertex_count = 3;
         meshes[i].material = i;
@@ -97,8 +124,25 @@ TEST(materials_in_c_and_in_shaders) {
     scene.meshes = meshes;
     scene.material_count = scene.mesh_count = MATERIALS;
     if (!context && sbl_create(&desc, &context) != SBL_SUCCESS) context = NULL;
-    REQUIRE(context && sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene: %s", watch_last(&seen));
-    result = shade_materials(light, texels);
+    return context && sbl_set_scene(context, &scene) == SBL_SUCCESS;
+}
+
+/* C and GLSL give the same emission, share of bounced light and reflection, to the bit or within rounding errors. */
+TEST(materials_in_c_and_in_shaders) {
+    static const float light[3] = { 0.5f, 3, 1000 };
+    static float texels[3][2 * MATERIALS][4];
+    sbl_material materials[MATERIALS];
+    uint32_t state = 5;
+    sbl_result result;
+    int i, k, back, dark = 0, clamped = 0;
+    memset(materials, 0, sizeof materials);
+    for (i = 0; i < MATERIALS; i++) {
+        for (k = 0; k < 3; k++) materials[i].albedo[k] = any_of(&state, 1);
+        for (k = 0; k < 3 && i % 3; k++) materials[i].emission[k] = any_of(&state, 100);
+        materials[i].flags = i & 1 ? SBL_MATERIAL_ONE_SIDED_EMISSION : 0;
+    }
+    REQUIRE(use_materials(materials), "no scene: %s", watch_last(&seen));
+    result = shade_materials(&material_recipe, 3, light, texels);
     REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
     for (i = 0; i < MATERIALS; i++)
         for (back = 0; back < 2; back++) {
@@ -133,8 +177,208 @@ TEST(materials_in_c_and_in_shaders) {
     CHECK(dark > 5 && clamped > 5, "%d one-sided emitters, %d clamped albedos", dark, clamped);
 }
 
+/* Returns Schlick's approximation. */
+static double fresnel(double reflectance, double cosine) {
+    return reflectance + (1 - reflectance) * pow(1 - cosine, 5);
+}
+
+/* Checks a colour of a material, and the number beside it. */
+static void check_color(const char *name, int number, const float shown[4], const double expected[4]) {
+    int k;
+    for (k = 0; k < 4; k++)
+        CHECK(fabs((double)shown[k] - expected[k]) < 1e-5, "material %d: %s[%d] is %g, not %g", number, name, k,
+              (double)shown[k], expected[k]);
+}
+
+/* Checks the material at a texel of shiny_shader. color: albedo times vertex colour; row: 0: cosine 0.25; 1: 0.8 */
+static void check_shiny(const sbl_material *m, const double color[3], int number, int row,
+                        float texels[6][2 * MATERIALS][4]) {
+    const double ior = m->ior > 0 ? (double)m->ior : 1.5, f0 = pow((ior - 1) / (ior + 1), 2), cosine = row ? 0.8 : 0.25;
+    const int matte = !(m->ior > 0) && !(m->metallic > 0), at = row * MATERIALS + number;
+    const double metallic = matte ? 0 : (double)m->metallic, opacity = m->flags & SBL_MATERIAL_BLEND ? 0.6 : 1;
+    const double transmission = (double)m->transmission, rough = matte ? -1 : (double)m->roughness;
+    const double variance = (1 - 0.81) / (0.9 * (3 - 0.81));
+    double diffuse[4], reflectance[4], clear[4], passing[4], mirrored[4], most = 0;
+    const double zero[4] = { 0, 0, 0, 0 };
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double base = matte ? 0 : f0;
+        reflectance[k] = matte ? 0 : f0 + (color[k] - f0) * metallic;
+        diffuse[k] = (1 - metallic) * (1 - base) * color[k] * opacity * (1 - transmission);
+        clear[k] = (1 - metallic) * color[k] * opacity * transmission;
+        passing[k] = 1 - opacity + (matte ? 1 : 1 - fresnel(f0, cosine)) * clear[k];
+        mirrored[k] = opacity * fresnel(reflectance[k], cosine);
+        most = fmax(most, reflectance[k]);
+    }
+    diffuse[3] = rough;
+    reflectance[3] = opacity;
+    clear[3] = matte ? 0 : most > 0.2 ? 1 : rough < 0.5 ? 2 : 0;
+    passing[3] = matte ? -1 : fmin(pow(pow(rough, 4) + 2 * variance, 0.25), 1);
+    mirrored[3] = 0;
+    check_color("diffuse", number, texels[0][at], diffuse);
+    check_color("reflectance", number, texels[1][at], reflectance);
+    check_color("clear", number, texels[2][at], clear);
+    check_color("passing", number, texels[3][at], passing);
+    check_color("mirrored", number, texels[4][at], mirrored);
+    check_color("lobe", number, texels[5][at], zero);
+}
+
+/* Random materials that are not matte reflect, transmit and blend light by the formulas of the manual (ON REFLECTIONS).
+   The weight of a direction that a lobe samples is its factor / its density. */
+TEST(shiny_materials_follow_their_formulas) {
+    static const float light[3] = { 0, 0, 0 };
+    static const double tint[3] = { 1, 0.5, 0.75 };
+    static float texels[6][2 * MATERIALS][4];
+    sbl_material materials[MATERIALS];
+    uint32_t state = 9;
+    sbl_result result;
+    int i, k;
+    memset(materials, 0, sizeof materials);
+    for (i = 0; i < MATERIALS; i++) {
+        for (k = 0; k < 3; k++) materials[i].albedo[k] = any_of(&state, 1);
+        materials[i].metallic = any_of(&state, 1);
+        materials[i].roughness = any_of(&state, 1);
+        materials[i].transmission = any_of(&state, 1);
+        materials[i].ior = chance(&state) < 0.7 ? 1 + any_of(&state, 2) : 0;
+        materials[i].flags = chance(&state) < 0.4 ? SBL_MATERIAL_BLEND : 0;
+    }
+    REQUIRE(use_materials(materials), "no scene: %s", watch_last(&seen));
+    result = shade_materials(&shiny_recipe, 6, light, texels);
+    REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+    for (i = 0; i < MATERIALS; i++) {
+        double color[3];
+        for (k = 0; k < 3; k++) color[k] = (double)materials[i].albedo[k] * tint[k];
+        for (k = 0; k < 2; k++) check_shiny(&materials[i], color, i, k, texels);
+    }
+}
+
+static const sbl_material black[MATERIALS];
+
+/* Makes a texture of two texels. values: four numbers per texel, or two integers */
+static sbl_result two_texels(sbl__texture *t, unsigned format, const void *values) {
+    const sbl__device *d = &context->core.device;
+    const sbl_result result = sbl__texture_make(d, t, 2, 1, format);
+    return result == SBL_SUCCESS ? sbl__texture_write(d, t, 0, 1, values) : result;
+}
+
+/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
+static sbl_result compose(float out[2][4]) {
+    static const float albedo[8] = { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 };
+    static const float one[8] = { 1, 1, 1, 1, 1, 1, 1, 1 }, lobe[8] = { -1, -1, -1, 1, 3, 3, 3, 1 };
+    static const uint32_t ids[2] = { 1, 1 };
+    sbl__device *d = &context->core.device;
+    sbl__texture textures[6];
+    sbl__gbuffer g;
+    sbl__camera camera;
+    sbl__target target;
+    sbl__resolve r;
+    sbl__visit visit;
+    const int rows[2] = { 0, 1 };
+    sbl_result result;
+    int i;
+    memset(textures, 0, sizeof textures);
+    memset(&g, 0, sizeof g);
+    memset(&camera, 0, sizeof camera);
+    memset(&target, 0, sizeof target);
+    memset(&r, 0, sizeof r);
+    camera.whole[0] = camera.whole[1] = camera.orthographic = 1;
+    camera.whole_to_clip[0] = camera.whole_to_clip[5] = 1;
+    sbl__visit_enter(context, &visit);
+    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, albedo);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, one);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_RGBA32F, lobe);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[4], SBL__GL_R32UI, ids);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 4 : 2];
+    g.textures[SBL__GBUFFER_ALBEDO] = textures[1];
+    r.centres = r.sample = &g;
+    r.emission = r.radiance = r.previous = &textures[2];
+    r.reflected = &textures[3];
+    r.environment = &context->core.scene.environment;
+    r.camera = &camera;
+    r.count = 1;
+    r.backdrop = black[0].albedo;
+    if (result == SBL_SUCCESS) result = sbl__resolve_draw(d, &r, &target, rows);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
+    sbl__target_delete(d, &target);
+    for (i = 0; i < 6; i++) sbl__texture_delete(d, &textures[i]);
+    sbl__visit_leave(context, &visit);
+    return result;
+}
+
+/* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make this light negative; it then counts
+   as 0. */
+TEST(lobes_take_no_light_away) {
+    float out[2][4];
+    sbl_result result;
+    int i;
+    REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
+    result = compose(out);
+    REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+    for (i = 0; i < 6; i++)
+        CHECK(fabs((double)out[i / 3][i % 3] - (i < 3 ? 1.5 : 4.5)) < 1e-6, "pixel %d shows %g", i / 3,
+              (double)out[i / 3][i % 3]);
+}
+
+/* Filters a layer of two pixels, which are 0 and 8, with R of 4 in both. */
+static sbl_result smooth(int is_group, float out[2][4]) {
+    static const float whole[8] = { 4, 4, 4, 1e-3f, 4, 4, 4, 1e-3f }, layer[8] = { 0, 0, 0, 0, 8, 8, 8, 0 };
+    static const uint32_t ids[2] = { 1, 1 };
+    sbl__device *d = &context->core.device;
+    sbl__texture textures[4];
+    sbl__gbuffer g;
+    sbl__target target;
+    sbl__filter f;
+    sbl__visit visit;
+    const int rows[2] = { 0, 1 };
+    sbl_result result;
+    int i;
+    memset(textures, 0, sizeof textures);
+    memset(&g, 0, sizeof g);
+    memset(&target, 0, sizeof target);
+    memset(&f, 0, sizeof f);
+    sbl__visit_enter(context, &visit);
+    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, whole);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, layer);
+    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_R32UI, ids);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 3 : 1];
+    f.radius = 2;
+    f.radiance = &textures[1];
+    f.layer = &textures[2];
+    f.is_group = is_group;
+    if (result == SBL_SUCCESS) result = sbl__filter_draw(d, &f, &g, &target, rows);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
+    sbl__target_delete(d, &target);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &textures[i]);
+    sbl__visit_leave(context, &visit);
+    return result;
+}
+
+/* A light group is filtered with the weights of R: by the Gaussian alone where R is equal. A harmonic keeps a
+   difference that is far above its noise. */
+TEST(groups_are_filtered_as_the_whole) {
+    const double beside = exp(-0.5), blurred = 8 * beside / (1 + beside);
+    int is_group, i;
+    REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
+    for (is_group = 0; is_group < 2; is_group++) {
+        float out[2][4];
+        const sbl_result result = smooth(is_group, out);
+        REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+        for (i = 0; i < 2; i++) {
+            const double expected = is_group ? (i ? 8 - blurred : blurred) : 8 * i;
+            CHECK(fabs((double)out[i][0] - expected) < 1e-4, "pixel %d is %g, not %g", i, (double)out[i][0], expected);
+        }
+    }
+}
+
 int main(void) {
     RUN(materials_in_c_and_in_shaders);
+    RUN(shiny_materials_follow_their_formulas);
+    RUN(lobes_take_no_light_away);
+    RUN(groups_are_filtered_as_the_whole);
     sbl_destroy(context);
     return test_report();
 }

@@ -885,13 +885,21 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
     const sbl__hierarchy *h;
     size_t records;
+    int i;
     sbl_stats stats;
     if (!context) return;
     view.width = view.height = 8;
+    view.tile = 4;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     stats = sbl_query_stats(context);
     CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; expected 2 among 32",
           stats.scene.lamps, stats.scene.triangles);
+    CHECK(stats.sensors.sites > 0 && fabs(stats.sensors.microseconds * (double)stats.sensors.sites / 1e6 /
+                                          stats.seconds.total - 1) < 1e-6, "%g us for each of %g sensors in %g s",
+          stats.sensors.microseconds, (double)stats.sensors.sites, stats.seconds.total);
+    for (i = 0; i < SBL_MAX_LEVELS; i++)
+        CHECK(stats.picture.levels[i].tile == (i == 0 ? 4 : i == 1 ? 2 : 1), "tiles of level %d are %d pixels "
+              "wide", i, stats.picture.levels[i].tile);
     h = &context->core.scene.hierarchy;
     records = (size_t)h->node_count * sizeof(sbl__node) + (size_t)h->triangle_count * sizeof(sbl__triangle);
     CHECK(h->node_count > 0 && stats.scene.bvh_bytes >= records && stats.scene.bvh_bytes < 32 * 200,

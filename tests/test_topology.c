@@ -1,6 +1,5 @@
-/* Tests without GL of the sections device, topology, solver, seams, interpolation, bounces and refinement of sbl.h:
-   sizes of buffers, hash tables, welding of vertices, shared edges, groups, rings, normal equations, light across a
-   seam, light beside a silhouette, light of a leaf, and noise of sensors. */
+/* Tests without GL of private functions in many sections of sbl.h, such as topology, solver, seams, interpolation,
+   bounces and refinement. Most expected values are closed forms. */
 #include "support/private.h"
 #include "support/test.h"
 
@@ -451,6 +450,130 @@ TEST(light_is_linear_beside_silhouettes) {
                       missing, x, y, k, (double)m.light[k], expected);
             }
         }
+        for (i = 0; i < 3; i++) {  /* the tile has extrapolated light; with a threshold; in the paper's mode */
+            const sbl__range row = { { 4, 7 }, { 7, 7 } };
+            r.threshold = i == 1 ? 1.0f : 0.0f;
+            r.geometry_aware = i != 2;
+            tile.pixels = 0;
+            tile.uncovered = 0;
+            tile.must_split = 0;
+            sbl__tile_count(&r, &tile, &row, 7);
+            CHECK(tile.pixels == 4 && tile.must_split == (i > 0) &&
+                      (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5), "way %d, count %d: %d pixels, "
+                  "split %d, uncovered %g", missing, i, tile.pixels, tile.must_split, (double)tile.uncovered);
+        }
+        r.geometry_aware = 1;
+        r.threshold = 0;
+    }
+}
+
+/* The light of a tile is f = (1 + k y) x^2 + (2 + x) y^2, with x and y from 0 to 4 and channel k. Between two corners
+   it lies below the straight line by half the second difference of the edge * t (1 - t). Second differences change
+   linearly from each edge to the opposite edge, so the light of all pixels is exact. */
+TEST(light_between_sensors_is_curved) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    static float rgba[SIDE * SIDE][4];
+    sbl__sensor *block = sensors;
+    sbl__spec spec;
+    sbl__refine r;
+    sbl__tile tile;
+    sbl__fill fill;
+    float parabolas[4][3];
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    memset(&spec, 0, sizeof spec);
+    memset(&tile, 0, sizeof tile);
+    memset(&fill, 0, sizeof fill);
+    r.spec = &spec;
+    r.geometry_aware = 1;
+    r.luminance = 2;
+    tile.area.x[1] = tile.area.y[1] = 4;
+    tile.bias2 = 0.03f;
+    tile.noise2 = 0.01f;
+    fill.refine = &r;
+    fill.rgba = rgba[0];
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const float x = (float)(i % SIDE), y = (float)(i / SIDE);
+        pixels[i].id = 1;
+        pixels[i].normal[2] = 1;
+        pixels[i].position[0] = x;
+        pixels[i].position[1] = y;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i % SIDE % 4 == 0 && i / SIDE % 4 == 0;
+        sensors[i].looks = 1;
+        sensors[i].variance = 9;
+        for (k = 0; k < 3; k++) sensors[i].radiance[k] = (1 + (float)k * y) * x * x + (2 + x) * y * y;
+    }
+    for (k = 0; k < 3; k++) {  /* second differences * 4^2: above, below, left, right */
+        parabolas[0][k] = 32;
+        parabolas[1][k] = 32 * (1 + 4 * (float)k);
+        parabolas[2][k] = 32 * 2;
+        parabolas[3][k] = 32 * 6;
+    }
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const double x = i % SIDE / 4.0, y = i / SIDE / 4.0;
+        const double across = x * x + (1 - x) * (1 - x), down = y * y + (1 - y) * (1 - y);
+        sbl__fill_pixel(&fill, i % SIDE, i / SIDE, &tile, parabolas);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)rgba[i][k] - (double)sensors[i].radiance[k]) < 1e-3, "pixel %d, channel %d: %g, "
+                  "expected %g", i, k, (double)rgba[i][k], (double)sensors[i].radiance[k]);
+        CHECK(fabs((double)rgba[i][3] - 3 * sqrt(across * down)) < 1e-4, "pixel %d: noise %g", i, (double)rgba[i][3]);
+        CHECK(fabs((double)pixels[i].error - (sensors[i].sensed ? 0.2 : 0.4)) < 1e-5, "pixel %d: error %g", i,
+              (double)pixels[i].error);
+    }
+}
+
+/* Interpolation between the four corners of a wide tile keeps 4/9 of their variance, the mean square of bilinear
+   weights; a filter over n pixels keeps 1/n where each pixel has a sensor. */
+TEST(noise_that_is_left) {
+    static const double expected[3][3] = { { 1, 4 / 9.0, 4 / 9.0 }, { 1 / 9.0, 4 / 17.0, 4 / 9.0 },
+                                           { 1 / 81.0, 4 / 89.0, 4 / 9.0 } };
+    static const int spans[3] = { 1, 2, 16384 };
+    sbl__refine r;
+    int i, k;
+    memset(&r, 0, sizeof r);
+    for (i = 0, r.smoothing = 1; i < 3; i++, r.smoothing *= 9)
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)sbl__noise_left(&r, spans[k]) - expected[i][k]) < 1e-6, "%g pixels, span %d: %g",
+                  (double)r.smoothing, spans[k], (double)sbl__noise_left(&r, spans[k]));
+    CHECK(fabs(sbl__weigh_pixels(&r) - 1) < 1e-9, "errors without pixels are divided by %g", sbl__weigh_pixels(&r));
+    r.pixels_summed = 3;
+    r.matte_pixels = 4;
+    CHECK(fabs(sbl__weigh_pixels(&r) - 7) < 1e-9, "errors of 7 pixels are divided by %g", sbl__weigh_pixels(&r));
+}
+
+/* Rays may find light if the sky has any colour, if surfaces glow, if a sky has a picture, or in GI. Otherwise a job
+   traces only the rays that measure distances. Sensors that trace rays stand off by the reach of their triangle; those
+   that draw views, whose depth is imprecise, by the extent of the scene. */
+TEST(any_colour_of_the_sky_is_light) {
+    static sbl__scene scene;
+    static sbl__measurement m;
+    sbl_context_desc desc;
+    sbl__spec spec;
+    float picture[4] = { 0, 0, 0, 0 };
+    int i;
+    memset(&desc, 0, sizeof desc);
+    m.options.backend = SBL_BACKEND_TRACE;
+    m.options.rays = 1000;
+    for (i = 0; i < 8; i++) {  /* nothing, 3 colours, glowing surfaces, a picture, GI, all rays */
+        memset(scene.environment.sky, 0, sizeof scene.environment.sky);
+        if (i >= 1 && i <= 3) scene.environment.sky[i - 1] = 1e-6f;
+        m.options.epsilon = i == 4 ? 1e-6f : 0;
+        scene.environment.pixels = i == 5 ? picture : NULL;
+        m.options.mode = i == 6 ? SBL_MODE_GI : SBL_MODE_DIRECT;
+        m.every_ray = i == 7;
+        sbl__spec_make(&spec, &m, &scene, &desc);
+        CHECK(spec.no_light == (i == 0) && spec.rays == (i ? 1000 : SBL__POOL_RAYS), "scene %d: no_light is %d, %d "
+              "rays", i, spec.no_light, spec.rays);
+    }
+    scene.geometry.extent = 100;
+    for (i = 0; i < 3; i++) {
+        const double offset = (double)SBL__OFFSET * (i == 1 ? 7 : 100);
+        spec.traced = i > 0;
+        CHECK(fabs((double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f) / offset - 1) < 1e-6, "sensor %d "
+              "stands off by %g", i, (double)sbl__spec_offset(&spec, &scene, i == 2 ? 0.0f : 7.0f));
     }
 }
 
@@ -738,6 +861,9 @@ TEST(settled_hits_are_skipped) {
     CHECK(sbl__hit_is_settled(&b, &hits[0], 0), "the hit in a full leaf is not settled");
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS - 1), "a hit before a cut is settled");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit after a cut is not settled");
+    b.cut_leaves = 1;
+    CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit in a leaf that may yet be cut is settled");
+    b.cut_leaves = 3;
     CHECK(!sbl__hit_is_settled(&b, &hits[2], 0), "the hit in a leaf that lacks points is settled");
     hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
@@ -791,6 +917,9 @@ TEST(further_points_do_not_count_more) {
               "%d points: %g rays find %g at the leaf", states[0].points, (double)leaf_found[1].rays,
               (double)leaf_found[1].light);
     }
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++) hits[i].by_metal = 1;
+    sbl__bright_sum_found(&b, 0);  /* light by way of metal is found, but not at the leaf */
+    CHECK(b.found.light > 0 && !(leaf_found[1].rays > 0), "%g rays by way of metal", (double)leaf_found[1].rays);
 }
 
 /* The tests have freed all memory. */
@@ -957,7 +1086,9 @@ static double glow_area(const sbl__glow *g) {
 TEST(glows_cover_their_cell) {
     static const double corners[3][3] = { { 0, 0, 0.5 }, { 6, 0, 0.5 }, { 0, 6, 0.5 } };
     static const float in_small_cell[3] = { 1.5f, 2.5f, 0.5f }, in_cell[3] = { 0.5f, 0.5f, 0.5f };
-    static const struct { int back, cut; double area; } cases[] = { { 0, 0, 13 }, { 1, 0, -13 }, { 0, 1, 5.5 } };
+    static const struct { int back, cut; double area; } cases[] = {
+        { 0, 0, 13 }, { 1, 0, -13 }, { 0, 1, 5.5 }, { 0, 0, 13 }
+    };
     static sbl__scene scene;
     static sbl__device device;
     static sbl__cell_bucket cells[128];
@@ -994,12 +1125,13 @@ TEST(glows_cover_their_cell) {
     cut.sides[0] = 1;
     cut.sides[1] = 2;
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) vertices[i].position[k] = (float)corners[i][k];
-    for (i = 0; i < 3; i++) {
+    for (i = 0; i < 4; i++) {
         const uint32_t side = cases[i].back ? SBL__PATCH_BACK : 0;
         const sbl__bright_cell cell = { side | SBL__PATCH_LEVEL, { 0, 0, 0 } };
         sbl__glowing w;
         double area = 0;
         memset(&w, 0, sizeof w);
+        leaves[1].light[0] = i == 3 ? -1.0f : 1.0f;  /* the small cell is bright, too: its glows are its own */
         memset(&scene.bright, 0, sizeof scene.bright);
         memset(cells, 0, sizeof cells);
         w.device = &device;
@@ -1021,6 +1153,7 @@ TEST(glows_cover_their_cell) {
         CHECK(fabs((double)scene.bright.unit - 3) < 1e-6, "the brightest glow is %g", (double)scene.bright.unit);
         /* a polygon of three corners, and corners of an earlier polygon behind them */
         scene.bright.glow_count = 0;
+        leaves[1].light[0] = 1;
         memset(&p, 0, sizeof p);
         memcpy(p.corners, corners, sizeof corners);
         p.corners[3][1] = -9;
@@ -1030,6 +1163,857 @@ TEST(glows_cover_their_cell) {
                       scene.bright.glow_count == 1, "%d glows, one has the area 18", scene.bright.glow_count);
         sbl__free(&base, scene.bright.glows);
     }
+}
+
+/* The directions to viewers and the colours of lobes, packed like gbuffer_fragment.glsl packs them: an octahedron is
+   unfolded to a square, and two numbers share a float. */
+TEST(lobes_are_unpacked) {
+    static const double steps = 4095;
+    int i, k;
+    for (i = 0; i < 200; i++) {
+        const double z = 1 - (2 * i + 1) / 200.0, turn = 2.4 * i, r = sqrt(1 - z * z);
+        const double view[3] = { r * cos(turn), r * sin(turn), z };
+        const double sum = fabs(view[0]) + fabs(view[1]) + fabs(view[2]), x = view[0] / sum, y = view[1] / sum;
+        const int packed[4] = { i * 20, 4095 - i, i, 3000 + i };  /* red, green, blue, roughness */
+        const float lobe[4] = { (float)(packed[0] + 4096 * packed[1]), (float)(packed[2] + 4096 * packed[3]),
+                                (float)(z < 0 ? (x < 0 ? -1 : 1) * (1 - fabs(y)) : x),
+                                (float)(z < 0 ? (y < 0 ? -1 : 1) * (1 - fabs(x)) : y) };
+        sbl__pixel_lobe out;
+        sbl__reflections_unpack(lobe, &out);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)out.view[k] - view[k]) < 1e-5 &&
+                      fabs((double)out.reflectance[k] - packed[k] / steps) < 1e-6, "direction %d: view[%d] is %g, "
+                  "not %g", i, k, (double)out.view[k], view[k]);
+        CHECK(fabs((double)out.roughness - packed[3] / steps) < 1e-6, "roughness %g", (double)out.roughness);
+    }
+}
+
+/* 40 parallel mirrors of different sizes are below one lamp. The 32 largest are kept, and each knows the image of the
+   lamp below it. A mirror through the lamp and one without size show nothing. */
+TEST(largest_mirrors_of_lamps_are_kept) {
+    static sbl__lamp_trees l;
+    static sbl__lamps lamps;
+    sbl__geometry g;
+    sbl__lamp_node node;
+    int i, seen[40];
+    memset(&g, 0, sizeof g);
+    memset(&node, 0, sizeof node);
+    memset(seen, 0, sizeof seen);
+    g.extent = 10;
+    node.beyond = 1;
+    node.middle[1] = 3;
+    node.power = 2;
+    l.geometry = &g;
+    l.lamps = &lamps;
+    l.nodes = &node;
+    l.node_count = 1;
+    l.plane_count = 42;
+    for (i = 0; i < 42; i++) {
+        l.planes[i].normal[1] = 1;
+        l.planes[i].offset = i == 40 ? 3 : -1;
+        l.planes[i].own = i == 41 ? 0 : 1 + i * 17 % 40;
+        l.planes[i].alpha = (float)i;
+    }
+    sbl__lamp_trees_mirror(&l);
+    CHECK(lamps.mirrored_count == SBL__MIRRORED_MOST, "%d lamps in mirrors", lamps.mirrored_count);
+    for (i = 0; i < lamps.mirrored_count; i++) {
+        const sbl__mirrored *m = &lamps.mirrored[i];
+        const int number = (int)m->alpha;
+        CHECK(number < 40 && !seen[number]++ && number * 17 % 40 >= 40 - SBL__MIRRORED_MOST, "mirror %d is kept",
+              number);
+        CHECK(fabs((double)m->middle[1] + 5) < 1e-6 && fabs((double)m->offset + 1) < 1e-6 && m->normal[1] > 0 &&
+                  fabs((double)m->power - 2) < 1e-6, "mirror %d: the image is at %g", number, (double)m->middle[1]);
+    }
+}
+
+/* A line runs from x = 0 to x = 1 through a cell that is cut at x = 0.5. Both parts have cuts, which the line does not
+   cross there. It cuts only the two parts that it crosses. */
+TEST(contact_lines_cut_what_they_cross) {
+    static const float across[3] = { 1, 0, 0 }, apart[3] = { 0.5f, 0.25f, 0.75f };
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__store store;
+    sbl__contact line;
+    uint32_t root = 0, *reference = &root;
+    const double whole[2] = { 0, 1 };
+    int i;
+    memset(&store, 0, sizeof store);
+    memset(&line, 0, sizeof line);
+    core.base = base;
+    store.length = 1;
+    b.core = &core;
+    b.store = &store;
+    line.normal[1] = 1;
+    line.distance = 0.5f;
+    line.from[1] = 0.5;
+    line.along[0] = 1;
+    for (i = 0; i < 3; i++) {  /* x = 0.25 lies on side 1 of x = 0.5, and x = 0.75 on side 0 */
+        CHECK(sbl__store_cut(&core.base, &store, reference, across, apart[i], 0) == SBL_SUCCESS, "no memory");
+        reference = &store.cuts[0].sides[i == 0];
+    }
+    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "%d cuts",
+          store.cut_count);
+    for (i = 0; i < 2; i++) {  /* x = 0.25 and 0.75: the line is beyond the first, and before the second */
+        const uint32_t *sides = store.cuts[1 + i].sides;
+        CHECK(!sides[i] && sides[!i] >= SBL__CELL_CUT, "cut %d leads to %u and %u", 1 + i, sides[0], sides[1]);
+        CHECK(store.cuts[3 + i].normal[1] > 0.9f && fabs((double)store.cuts[3 + i].distance - 0.5) < 1e-6, "cut %d",
+              3 + i);
+    }
+    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "a line cuts twice");
+    sbl__free(&core.base, store.cuts);
+}
+
+/* The light of glows is added to that of lamps, in R and in all groups. Points that are invalid keep their light. */
+TEST(light_of_glows_is_added) {
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__bounce_point points[2];
+    static sbl__site sites[2];
+    static sbl_reading readings[2];
+    float layers[24], found[12];
+    int i, k;
+    core.scene.light_groups = 2;
+    b.core = &core;
+    b.points = points;
+    b.sites = sites;
+    b.readings = readings;
+    b.layers = layers;
+    b.found_layers = found;
+    b.site_count = 2;
+    memset(layers, 0, sizeof layers);
+    sites[1].number = 1;
+    for (b.glows = 0; b.glows < 2; b.glows++) {
+        for (i = 0; i < 2; i++) {
+            readings[i].valid = !b.glows || i == 0;
+            for (k = 0; k < 3; k++) readings[i].radiance[k] = (float)((b.glows ? 10 : 1) * (k + 1 + 3 * i));
+        }
+        for (i = 0; i < 12; i++) found[i] = (float)((b.glows ? 10 : 1) * (i + 1));
+        CHECK(sbl__solution_after_light(&b) == SBL__BOUNCE_DIRECT, "another stage follows");
+    }
+    for (i = 0; i < 2; i++) {
+        CHECK(points[i].measured && points[i].valid, "point %d is not measured", i);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)points[i].light[k] - (i ? 1 : 11) * (k + 1 + 3 * i)) < 1e-5, "point %d: R[%d] is %g", i,
+                  k, (double)points[i].light[k]);
+        for (k = 0; k < 6; k++)
+            CHECK(fabs((double)layers[12 * i + k] - (i ? 1 : 11) * (6 * i + k + 1)) < 1e-5 &&
+                      !(layers[12 * i + 6 + k] > 0), "point %d: layer %d is %g", i, k, (double)layers[12 * i + k]);
+    }
+}
+
+static int warnings;
+static void count_warnings(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)message; (void)user;
+    warnings += level == SBL_LOG_WARNING && item == SBL_LOG_ITEM_ALBEDO;
+}
+
+/* White walls cause one warning, if most light is bounced light. */
+TEST(white_walls_are_told_once) {
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__store store;
+    sbl__object objects[2];
+    sbl__geometry g;
+    memset(&store, 0, sizeof store);
+    memset(objects, 0, sizeof objects);
+    memset(&g, 0, sizeof g);
+    core.base = base;
+    core.base.logger.log = count_warnings;
+    b.core = &core;
+    b.store = &store;
+    b.geometry = &g;
+    g.objects = objects;
+    g.mesh_count = 2;
+    warnings = 0;
+    objects[1].albedo[0] = objects[1].albedo[1] = 1;
+    sbl__solution_warn(&b, 1, 100);
+    CHECK(warnings == 0, "yellow walls cause a warning");
+    objects[1].albedo[2] = 1;
+    sbl__solution_warn(&b, 1, 2.9);
+    CHECK(warnings == 0, "little bounced light causes a warning");
+    sbl__solution_warn(&b, 1, 3.1);
+    sbl__solution_warn(&b, 1, 100);
+    CHECK(warnings == 1, "%d warnings", warnings);
+}
+
+/* If only lights change, the points of the store are kept and measured again, first without glows. If a cut has split
+   leaves, hits are placed first. If surfaces change, or light reflects off metal, the store is filled anew. */
+TEST(changed_lights_keep_points) {
+    static sbl__core core;
+    int i;
+    core.base = base;
+    core.device.base = &core.base;
+    for (i = 0; i < 6; i++) {  /* nothing changes; lights, late; with a split; lights, early; surfaces; metal */
+        sbl__bounce *b, *kept = (sbl__bounce *)sbl__alloc(&core.base, 1, sizeof *kept);
+        REQUIRE(kept, "no memory");
+        kept->points = (sbl__bounce_point *)sbl__alloc(&core.base, 2, sizeof *kept->points);
+        REQUIRE(kept->points, "no memory");
+        core.scene.version = i > 0;
+        core.scene.surfaces = i == 4;
+        core.scene.features = i == 5 ? SBL__SPECULAR : 0;
+        kept->point_count = 2;
+        kept->points[0].measured = kept->points[1].measured = 1;
+        kept->glows = 1;
+        kept->changed = i == 2;
+        kept->stages.stage = i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND;
+        kept->stages.at = 7;
+        core.bounce = kept;
+        b = sbl__bounce_resume(&core);
+        REQUIRE(b && b == core.bounce, "no filling");
+        CHECK(b->scene == core.scene.version && b->surfaces == core.scene.surfaces, "case %d: an old version", i);
+        if (i < 4) {
+            const int again = i == 1 || i == 2;
+            CHECK(b->points && b->points[0].measured == !i && b->points[1].measured == !i, "case %d: points measured",
+                  i);
+            CHECK(b->glows == !again && b->stages.at == (again ? 0 : 7), "case %d: glows %d", i, b->glows);
+            CHECK(b->stages.stage == (i == 1 ? SBL__BOUNCE_SITES : i == 2 ? SBL__BOUNCE_RELOCATE
+                                    : i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND),
+                  "case %d: stage %d", i, b->stages.stage);
+        } else CHECK(!b->points && b->point_count == 0 && b->stages.stage == 0, "case %d: points are kept", i);
+        sbl__free(&core.base, b->points);
+        sbl__free(&core.base, b);
+    }
+    CHECK(core.base.memory.host_bytes == 0, "memory is left");
+}
+
+/* A change of lights makes lamps, store and glows out of date; a change of surfaces also the hierarchy. */
+TEST(changes_reach_what_depends_on_them) {
+    static sbl__scene scene;
+    static sbl__device device;
+    sbl__base own = base;
+    int surfaces;
+    device.base = &own;
+    for (surfaces = 0; surfaces < 2; surfaces++) {
+        memset(&scene, 0, sizeof scene);
+        scene.hierarchy.ready = scene.lamps.ready = scene.store.ready = scene.bright.ready = 1;
+        scene.bright.glow_count = 1;
+        scene.bright.glows = (sbl__glow *)sbl__alloc(&own, 1, sizeof(sbl__glow));
+        scene.glowing = (sbl__glowing *)sbl__alloc(&own, 1, sizeof(sbl__glowing));
+        if (surfaces) sbl__scene_changed(&device, &scene);
+        else sbl__scene_lamps_changed(&device, &scene);
+        CHECK(!scene.lamps.ready && !scene.store.ready && scene.hierarchy.ready == !surfaces, "lamps %d, store %d, "
+              "hierarchy %d", scene.lamps.ready, scene.store.ready, scene.hierarchy.ready);
+        CHECK(!scene.bright.ready && !scene.bright.glow_count && !scene.glowing && own.memory.host_bytes == 0,
+              "glows are kept");
+        CHECK(scene.version == 1 && scene.surfaces == (uint32_t)surfaces, "version %u, of surfaces %u", scene.version,
+              scene.surfaces);
+    }
+}
+
+/* A lamp of an inspected sensor is a triangle of a mesh (also the triangle on which a glow lies), a texel or a light.
+   It is listed once. */
+TEST(lamps_of_sensors_are_named) {
+    static sbl__core core;
+    static sbl__inspection found;
+    static sbl__inspect_request request;
+    sbl__mesh meshes[2];
+    sbl__vertex vertices[3];
+    sbl__glow glows[2];
+    sbl_sensor_lamp lamps[4];
+    uint32_t codes[5], indices[15], order[5] = { 4, 3, 2, 1, 0 };
+    static const sbl_lamp_kind kinds[4] = { SBL_LAMP_TRIANGLE, SBL_LAMP_TRIANGLE, SBL_LAMP_SKY_TEXEL, SBL_LAMP_LIGHT };
+    static const int expected[4][2] = { { 0, 1 }, { 1, 2 }, { -1, 300 }, { -1, 7 } };  /* mesh, number */
+    int i;
+    memset(meshes, 0, sizeof meshes);
+    memset(vertices, 0, sizeof vertices);
+    memset(glows, 0, sizeof glows);
+    meshes[1].first_triangle = 2;
+    vertices[1].object = 1;
+    for (i = 0; i < 15; i++) indices[i] = i >= 6;  /* triangles 2 to 4 belong to mesh 1 */
+    core.scene.geometry.meshes = meshes;
+    core.scene.geometry.vertices = vertices;
+    core.scene.geometry.indices = indices;
+    core.scene.hierarchy.order = order;
+    core.scene.bright.codes = codes;
+    core.scene.bright.glows = glows;
+    core.scene.bright.ready = 1;
+    core.scene.bright.glow_count = 2;
+    codes[0] = SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | 3;
+    codes[1] = codes[4] = SBL__LAMP_GLOW << SBL__LAMP_KIND_SHIFT | 1;
+    codes[2] = SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | 300;
+    codes[3] = SBL__LAMP_DISTANT_LIGHT << SBL__LAMP_KIND_SHIFT | 7;
+    found.job.task.spec.glows = 1;
+    found.lamps = lamps;
+    request.core = &core;
+    request.found = &found;
+    for (i = 0; i < 5; i++) {
+        const int at = sbl__inspect_lamp(&request, i), wanted = i < 4 ? i : 1;
+        CHECK(at == wanted && lamps[at].kind == kinds[at] && lamps[at].mesh == expected[at][0] &&
+                  lamps[at].number == expected[at][1], "lamp %d is lamp %d: mesh %d, number %d", i, at, lamps[at].mesh,
+              lamps[at].number);
+    }
+}
+
+/* Components of all types become real numbers. The least integer of a signed type stands for -1, as its neighbour. */
+TEST(components_of_all_types_are_read) {
+    static const unsigned char bytes[4] = { 0xff, 0x7f, 0x01, 0x80 };  /* little-endian */
+    static const double expected[SBL_TYPE_COUNT][2] = {  /* from the first byte, and from the third */
+        { 0, 0 }, { 0, 0 }, { 1, 1 / 255.0 }, { 32767 / 65535.0, 32769 / 65535.0 }, { -1 / 127.0, 1 / 127.0 },
+        { 1, -1 }, { 255, 1 }, { 32767, 32769 }, { 2147581951.0, 0 }
+    };
+    static const unsigned char least[4] = { 0x00, 0x80, 0x01, 0x80 };
+    int type, i;
+    for (type = SBL_UINT8_NORM; type < SBL_TYPE_COUNT; type++)
+        for (i = 0; i < (type == SBL_UINT32 ? 1 : 2); i++)
+            CHECK(fabs(sbl__component(bytes + 2 * i, (sbl_type)type) - expected[type][i]) < 1e-12, "type %d: %g, not "
+                  "%g", type, sbl__component(bytes + 2 * i, (sbl_type)type), expected[type][i]);
+    CHECK(fabs(sbl__component(least, SBL_INT16_NORM) + 1) < 1e-12 &&
+              fabs(sbl__component(least + 1, SBL_INT8_NORM) + 1) < 1e-12, "-32768 is %g, -128 is %g",
+          sbl__component(least, SBL_INT16_NORM), sbl__component(least + 1, SBL_INT8_NORM));
+}
+
+/* Light that scouts find in one bin counts for its neighbours. Sectors are a circle, bands are not: the light of an
+   outer band is not seen beyond the opposite edge, but counts twice at its own. */
+TEST(guides_are_smoothed) {
+    static const double expected[5][3] = { { 0, 0, 0.48 }, { 0, 1, 0.16 }, { 0, SBL__GUIDE_SECTORS - 1, 0.16 },
+                                           { 1, 0, 0.12 }, { SBL__GUIDE_BANDS - 1, 0, 0 } };
+    static float found[SBL__GUIDE_BINS];
+    int i;
+    found[0] = 1;
+    for (i = 0; i < 5; i++)
+        CHECK(fabs((double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]) - expected[i][2]) < 1e-6,
+              "bin %g %g has %g", expected[i][0], expected[i][1],
+              (double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]));
+}
+
+/* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are
+   noisy. */
+TEST(looks_grow_after_the_first_round) {
+    sbl__refine r;
+    sbl__measurement m;
+    int i;
+    memset(&r, 0, sizeof r);
+    memset(&m, 0, sizeof m);
+    m.look_rays = 16;
+    m.options.backend = SBL_BACKEND_TRACE;
+    r.measurement = &m;
+    r.target_error = 0.1f;
+    for (i = 0; i < 5; i++) {  /* the second round; chosen rays; chosen looks; little noise; otherwise */
+        r.rounds = i == 0 ? 2 : 1;
+        m.options.rays = i == 1 ? 16 : 0;
+        r.look_rays = i == 2 ? 16 : 0;
+        r.look_variance = SBL__LOOK_VARIANCE * 0.01 * (i == 3 ? 1.9 : 4.1);
+        CHECK(sbl__refine_growth(&r) == (i == 4 ? 4 : 1), "case %d: looks grow %d times", i, sbl__refine_growth(&r));
+    }
+}
+
+/* A place is open if its ray hits no near surface and does not come from within a solid. A solid is known by the backs
+   of its faces, unless most of the lightmap shows backs. */
+TEST(places_are_open) {
+    static const struct { int valid; double back, share, mean, backs; int open; } cases[] = {
+        { 1, 0, 0, 0, 0, 1 }, { 0, 0, 0, 0, 0, 0 }, { 1, 0, 1, 0.9, 0, 0 }, { 1, 0, 1, 1, 0, 1 }, { 1, 1, 1, 9, 0, 0 },
+        { 1, 1, 1, 9, 0.5, 0 }, { 1, 1, 1, 9, 0.6, 1 }, { 1, 0.5, 1, 9, 0, 1 }
+    };
+    sbl__refine r;
+    int i;
+    memset(&r, 0, sizeof r);
+    r.distance_limit = 1;
+    r.lit = 100;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        sbl_reading reading;
+        memset(&reading, 0, sizeof reading);
+        reading.valid = cases[i].valid;
+        reading.back_share = (float)cases[i].back;
+        reading.hit_share = (float)cases[i].share;
+        reading.hit_mean = (float)cases[i].mean;
+        r.lit_backs = 100 * cases[i].backs;
+        CHECK(sbl__place_is_open(&r, &reading) == cases[i].open, "case %d is wrong", i);
+    }
+}
+
+/* The second weight of a texel is the length of the ray through its centre, for a depth of 1. */
+TEST(depths_become_distances) {
+    sbl__layout l;
+    float *weights;
+    int face, i, j;
+    sbl__layout_make(&l, 1, 8, 0);
+    weights = (float *)calloc(2 * (size_t)(sbl__layout_pitch(&l, 0) * sbl__layout_pitch(&l, 1)), sizeof *weights);
+    REQUIRE(weights, "no memory");
+    for (face = 0; face < 5; face++)
+        for (j = 0; j < l.rects[face][3]; j++) {
+            sbl__weights_row(&l, 0, face, j, weights);
+            for (i = 0; i < 8; i++) {
+                const double x = (i + 0.5) / 4 - 1, y = face ? (j + 0.5) / 4 : (j + 0.5) / 4 - 1;
+                const int at = (l.rects[face][1] + j) * sbl__layout_pitch(&l, 0) + l.rects[face][0] + i;
+                CHECK(fabs((double)weights[2 * at + 1] - sqrt(1 + x * x + y * y)) < 1e-6, "view %d, texel %d %d: %g",
+                      face, i, j, (double)weights[2 * at + 1]);
+            }
+        }
+    free(weights);
+}
+
+/* The time of a stage counts for the part of the work that the statistics name. */
+TEST(seconds_belong_to_stages) {
+    static sbl__core core;
+    static sbl__map m;
+    sbl_stats *stats = &core.stats;
+    int stage;
+    m.work.core = &core;
+    for (stage = 0; stage <= SBL__MAP_END; stage++) {
+        const int develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
+        m.work.stages.stage = stage;
+        m.developing.stage = 0;
+        CHECK(sbl__map_seconds(&m) == (stage <= SBL__MAP_READ ? &stats->seconds.surface
+                                     : stage == SBL__MAP_END  ? &stats->seconds.resolve : &stats->seconds.refine),
+              "the seconds of stage %d", stage);
+        m.developing.stage = SBL__DEVELOP_FILTER;
+        CHECK(!develops || sbl__map_seconds(&m) == &stats->seconds.filter, "the filter of stage %d", stage);
+        m.developing.stage = SBL__DEVELOP_DONE;
+        CHECK(!develops || sbl__map_seconds(&m) == &stats->seconds.resolve, "the end of stage %d", stage);
+    }
+}
+
+/* The progress of a lightmap counts its finished layers. */
+TEST(layers_are_progress) {
+    static sbl__core core;
+    static sbl__lightmap l;
+    int layer;
+    core.base = base;
+    core.device.base = &core.base;
+    l.map.work.core = &core;
+    l.map.spec.directional = 1;
+    for (layer = 0; layer + 1 < SBL__LAYERS; layer++) {
+        CHECK(sbl__lightmap_after_send(&l) == SBL__MAP_DEVELOP && l.map.layer == layer + 1, "layer %d follows",
+              l.map.layer);
+        CHECK(fabs((double)l.map.finished - (layer + 1.0) / SBL__LAYERS) < 1e-6, "after layer %d, %g are finished",
+              layer, (double)l.map.finished);
+    }
+}
+
+/* The mean of R of a joined lightmap, to which its seams are compared, is that of texels with surfaces. These are ring
+   0 of the gutters. */
+TEST(joined_texels_have_a_mean) {
+    static float light[12] = { 1, 2, 3, 9, 9, 9, 3, 2, 1, 9, 9, 9 }, ids[4] = { 1, 0, 2, 0 };
+    static sbl__core core;
+    static sbl__joining j;
+    sbl__slice slice = slice_of(0);
+    int i;
+    core.base = base;
+    j.work.core = &core;
+    j.desc.lightmap.width = j.desc.lightmap.height = 2;
+    j.desc.light[0] = light;
+    j.desc.ids = ids;
+    CHECK(sbl__joining_take(&j, &slice) == SBL_SUCCESS && j.texels == 2, "%g texels", (double)j.texels);
+    CHECK(fabs(j.luminance - 4 * 0.2126 - 4 * 0.7152 - 4 * 0.0722) < 1e-5, "the sum of R is %g", j.luminance);
+    for (i = 0; i < 16; i++)
+        CHECK(fabs((double)j.gutters.light[i] - (i % 4 < 3 ? (double)light[i / 4 * 3 + i % 4] : i / 4 % 2 ? -1 : 0)) <
+                  1e-6, "component %d is %g", i, (double)j.gutters.light[i]);
+    sbl__gutters_free(&core.base, &j.gutters);
+}
+
+/* The right-hand side of a light group at vertices is the sum of what its points find. Points that see mostly back
+   faces count if the mesh is inside out. */
+TEST(groups_of_meshes_inside_out) {
+    static sbl__vertices s;
+    static float layer_sums[36], sums[SBL__VERTICES_SUMS];
+    static double residual[9];
+    sbl__vertices_part part;
+    uint32_t corners[3] = { 0, 1, 2 };
+    int neighbours[3], i;
+    memset(&part, 0, sizeof part);
+    for (i = 0; i < 36; i++) layer_sums[i] = (float)(i + 1);
+    s.parts = &part;
+    s.part_count = 1;
+    s.corners = corners;
+    s.sums = sums;
+    s.layer_sums = layer_sums;
+    s.neighbours = neighbours;
+    s.solver.residual = residual;
+    s.groups = s.layer = 2;
+    sums[6] = 1;
+    part.points = 10;
+    for (part.back_points = 4; part.back_points < 7; part.back_points += 2) {
+        memset(residual, 0, sizeof residual);
+        CHECK(sbl__vertices_next(&s, 0) == SBL_SUCCESS, "no sums");
+        for (i = 0; i < 9; i++)
+            CHECK(fabs(residual[i] - (10 + i) - (part.back_points > 5 ? 28 + i : 0)) < 1e-9 &&
+                      neighbours[i / 3] == SBL__VERTICES_LIT, "%g back points: sum %d is %g", part.back_points, i,
+                  residual[i]);
+    }
+}
+
+/* A window shows a rectangle of the working grid. A tile fills in all its pixels but the last column and row, which the
+   next tile fills in, unless the picture ends there. */
+TEST(windows_and_tiles_have_ends) {
+    static const int ends[4][4] = { { 4, 4, 3, 3 }, { 8, 4, 8, 3 }, { 4, 8, 3, 8 }, { 8, 8, 8, 8 } };
+    sbl__window w;
+    sbl__refine r;
+    sbl__tile tile;
+    int out[4], i;
+    memset(&w, 0, sizeof w);
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    w.inset[0] = 3;
+    w.inset[1] = 4;
+    w.shown[0] = 10;
+    w.shown[1] = 20;
+    CHECK(sbl__window_scissor(&w, 2, out) == out && out[0] == 1 && out[1] == 2 && out[2] == 14 && out[3] == 24,
+          "the scissor is at %d %d, its size is %d %d", out[0], out[1], out[2], out[3]);
+    CHECK(!sbl__window_scissor(NULL, 2, out), "no window has a scissor");
+    r.width = r.height = 9;
+    for (i = 0; i < 4; i++) {
+        sbl__range pixels;
+        tile.area.x[1] = ends[i][0];
+        tile.area.y[1] = ends[i][1];
+        pixels = sbl__tile_pixels(&r, &tile);
+        CHECK(!pixels.x[0] && !pixels.y[0] && pixels.x[1] == ends[i][2] && pixels.y[1] == ends[i][3],
+              "tile %d fills in pixels to %d %d", i, pixels.x[1], pixels.y[1]);
+    }
+}
+
+/* A dark sensor that sees mostly back faces is inside a solid, unless most lit sensors see backs. Without bounced light
+   it must see nothing but back faces. */
+TEST(dark_sensors_are_inside) {
+    static const struct { double light, share, back, backs; int bounced, inside; } cases[] = {
+        { 0, 1, 1, 0, 0, 1 }, { 0, 1, 1, 60, 0, 0 }, { 0, 0.9, 1, 0, 0, 0 }, { 0, 1, 0.9, 0, 0, 0 },
+        { 1, 1, 1, 0, 0, 0 }, { 0, 0.9, 0.6, 0, 1, 1 }, { 0, 1, 0.5, 0, 1, 0 }, { 1, 1, 1, 0, 1, 0 },
+        { 0, 1, 1, 60, 1, 0 }
+    };
+    sbl__refine r;
+    sbl__spec spec;
+    int i, k;
+    memset(&r, 0, sizeof r);
+    memset(&spec, 0, sizeof spec);
+    r.spec = &spec;
+    r.lit = 100;
+    r.lit_light = 100;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        sbl_reading reading;
+        memset(&reading, 0, sizeof reading);
+        for (k = 0; k < 3; k++) reading.radiance[k] = (float)cases[i].light;
+        reading.hit_share = (float)cases[i].share;
+        reading.back_share = (float)cases[i].back;
+        r.lit_backs = cases[i].backs;
+        spec.bounced = cases[i].bounced;
+        CHECK(sbl__places_is_inside(&r, &reading) == cases[i].inside, "case %d is wrong", i);
+    }
+}
+
+/* References of a stored store lead to leaves and cuts that exist, and from a cut only to later cuts. */
+TEST(cuts_lead_on) {
+    sbl__store store;
+    memset(&store, 0, sizeof store);
+    store.leaf_count = 3;
+    store.cut_count = 3;
+    CHECK(sbl__saved_leads(&store, 0, -1) && sbl__saved_leads(&store, 3, 2) && !sbl__saved_leads(&store, 4, -1),
+          "leaf 3 of 3 is the last");
+    CHECK(sbl__saved_leads(&store, SBL__CELL_CUT, -1) && sbl__saved_leads(&store, SBL__CELL_CUT | 2, -1) &&
+              !sbl__saved_leads(&store, SBL__CELL_CUT | 3, -1), "cut 2 of 3 is the last");
+    CHECK(sbl__saved_leads(&store, SBL__CELL_CUT | 2, 1) && !sbl__saved_leads(&store, SBL__CELL_CUT | 1, 1) &&
+              !sbl__saved_leads(&store, SBL__CELL_CUT, 1), "a cut leads to itself or to an earlier cut");
+}
+
+/* A lamp belongs to the light group of its material, of the sky, or of its light; a glow to none. */
+TEST(lamps_have_the_group_of_their_source) {
+    static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_DISTANT_LIGHT,
+                                       SBL__LAMP_SKY_TEXEL, SBL__LAMP_GLOW };
+    static const uint32_t expected[5] = { 7, 3, 3, 5, 0 };
+    static sbl__lamp_trees l;
+    static sbl__lamps lamps;
+    sbl_light lights[2];
+    sbl__geometry g;
+    sbl__hierarchy h;
+    sbl__environment e;
+    sbl__object objects[2];
+    sbl__vertex vertices[3];
+    uint32_t indices[6] = { 0, 0, 0, 1, 1, 1 }, order[2] = { 0, 1 };
+    int i;
+    memset(&g, 0, sizeof g);
+    memset(&h, 0, sizeof h);
+    memset(&e, 0, sizeof e);
+    memset(lights, 0, sizeof lights);
+    memset(objects, 0, sizeof objects);
+    memset(vertices, 0, sizeof vertices);
+    g.indices = indices;
+    g.vertices = vertices;
+    g.objects = objects;
+    h.order = order;
+    vertices[1].object = 1;
+    objects[1].layer = 7;
+    lights[1].light_group = 3;
+    e.layer = 5;
+    lamps.lights = lights;
+    l.geometry = &g;
+    l.hierarchy = &h;
+    l.environment = &e;
+    l.lamps = &lamps;
+    for (i = 0; i < 5; i++)
+        CHECK(sbl__lamp_layer(&l, kinds[i] << SBL__LAMP_KIND_SHIFT | 1) == expected[i], "lamp %d is in group %u", i,
+              sbl__lamp_layer(&l, kinds[i] << SBL__LAMP_KIND_SHIFT | 1));
+}
+
+static void SBL__GLAPI no_wait(void) {}
+static unsigned SBL__GLAPI no_gl_error(void) { return SBL__GL_NO_ERROR; }
+
+/* The estimated cost of work rises at once. It falls by a tenth of the difference, or by half of it if it was far too
+   high. */
+TEST(costs_fall_slowly) {
+    static const double costs[4][2] = { { 0, 1 }, { 0.5, 1 }, { 2, 1.9 }, { 10, 5.5 } };  /* before, after */
+    static sbl__device d;
+    int i;
+    d.base = &base;
+    d.gl.base = &base;
+    d.gl.Finish = no_wait;
+    d.gl.GetError = no_gl_error;
+    for (i = 0; i < 4; i++) {
+        sbl__pace p;
+        p.cost = costs[i][0];
+        p.start = sbl__now() - 1000;
+        CHECK(sbl__pace_end(&d, &p, 1000) == SBL_SUCCESS && fabs(p.cost - costs[i][1]) < 0.02, "from %g to %g, not %g",
+              costs[i][0], p.cost, costs[i][1]);
+    }
+}
+
+/* The extent of a scene is its diagonal plus the largest distance from 0 along an axis, in coordinates of the library
+   and of the host. Geometry that the host draws counts. A scene without size has the extent 1. */
+TEST(extents_are_measured) {
+    static const float drawn[2][3] = { { -20, 0, 0 }, { 1, 1, 1 } };
+    sbl__geometry g;
+    sbl__vertex vertices[3];
+    uint32_t indices[3] = { 0, 1, 2 };
+    memset(&g, 0, sizeof g);
+    memset(vertices, 0, sizeof vertices);
+    sbl__geometry_measure(&g, NULL);
+    CHECK(fabs((double)g.extent - 1) < 1e-6 && fabs((double)g.hosts_extent - 1) < 1e-6, "nothing has the extent %g",
+          (double)g.extent);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.triangle_count = 1;
+    g.centre[1] = 50;
+    vertices[0].position[0] = -10;
+    vertices[1].position[0] = 2;
+    vertices[2].position[1] = 5;
+    sbl__geometry_measure(&g, NULL);
+    CHECK(fabs(g.diagonal - 13) < 1e-6 && fabs(g.farthest - 10) < 1e-6 && fabs((double)g.extent - 23) < 1e-5 &&
+              fabs((double)g.hosts_extent - 68) < 1e-5, "diagonal %g, farthest %g, of the host %g", g.diagonal,
+          g.farthest, (double)g.hosts_extent);
+    sbl__geometry_measure(&g, drawn);
+    CHECK(fabs(g.farthest - 20) < 1e-6 && fabs(g.diagonal - sqrt(22 * 22 + 26)) < 1e-6, "drawn: diagonal %g, farthest "
+          "%g", g.diagonal, g.farthest);
+}
+
+/* Three of the four corners of a tile have light of 3, 6 and 9 with variances of 8, 12 and 16. The tile has their
+   means, relative to a mean of 2, and 4/9 of the noise. Its ten pixels that count add them to the sums of the
+   picture. */
+TEST(tiles_have_the_mean_of_their_corners) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    static const int corners[4] = { 0, 4, 20, 24 };
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    memset(&tile, 0, sizeof tile);
+    r.luminance = 2;
+    r.smoothing = 1;
+    r.shown2 = 0.25f;
+    tile.parent = -1;
+    tile.area.x[1] = tile.area.y[1] = 4;
+    tile.counted = 10;
+    tile.weight2 = 0.5f;
+    for (i = 0; i < 4; i++) {
+        sbl__sensor *s = &sensors[corners[i]];
+        pixels[corners[i]].sensor = (uint32_t)corners[i];
+        s->sensed = 1;
+        s->looks = 1;
+        s->invalid = i == 3;
+        s->variance = (float)(8 + 4 * i);
+        for (k = 0; k < 3; k++) s->radiance[k] = (float)(3 + 3 * i);
+    }
+    sbl__tile_noise(&r, &tile);
+    CHECK(fabs((double)tile.variance - 3) < 1e-5 && fabs((double)tile.noise2 - 4 / 3.0) < 1e-5 &&
+              fabs((double)tile.light - 6) < 1e-5, "variance %g, noise %g, light %g", (double)tile.variance,
+          (double)tile.noise2, (double)tile.light);
+    CHECK(fabs(r.sum[0] - 60) < 1e-4 && fabs(r.sum[2] - 60) < 1e-4 && fabs(r.pixels_summed - 10) < 1e-6 &&
+              fabs(r.look_variance - 60) < 1e-4 && fabs(r.shown_sum - 60 * sqrt(0.5)) < 1e-4,
+          "the sums are %g, %g and %g", r.sum[0], r.look_variance, r.shown_sum);
+}
+
+/* A flat box at a distance gets a thickness: at least 1e-4 of its longest side and 1e-6 of its distance, which floats
+   can resolve. */
+TEST(flat_boxes_are_thick_enough) {
+    static const double expected[3] = { 1e-3, 1e-5, 1e-3 };
+    static sbl__bvh_building building;
+    static sbl__hierarchy h;
+    uint32_t children[2][4];
+    sbl__grid_node grid;
+    sbl__box box = { { 0, 10, 5 }, { 0.001f, 10, 5.001f } };
+    int k;
+    building.children = children;
+    h.building = &building;
+    grid = sbl__bvh_add_grid(&h, &box, 3);
+    CHECK(grid.root == 1 && grid.around == 3 && h.node_count == 1, "root %u, around %u", grid.root, grid.around);
+    for (k = 0; k < 3; k++) {
+        const double size = 65533 / (double)grid.per_length[k];
+        CHECK(fabs(size / expected[k] - 1) < 1e-3, "axis %d: the box has the size %g", k, size);
+    }
+}
+
+/* A glimpse has large tiles, an error of its own, and no threshold. The picture's descriptor stays. */
+TEST(glimpses_are_coarse) {
+    static sbl__core core;
+    static sbl__map m;
+    m.work.core = &core;
+    m.desc.tile = 2;
+    m.desc.threshold = 0.5f;
+    m.desc.target_error = 0.01f;
+    sbl__map_begin_glimpse(&m);
+    CHECK(m.refine.tile_size == SBL__GLIMPSE_TILE && !(m.refine.threshold > 0) &&
+              fabs((double)m.refine.target_error - (double)SBL__GLIMPSE_ERROR) < 1e-9, "tile %d, threshold %g, error "
+          "%g", m.refine.tile_size, (double)m.refine.threshold, (double)m.refine.target_error);
+    CHECK(m.desc.tile == 2 && m.desc.threshold > 0 && m.glimpse == SBL__GLIMPSE_UNDER_WAY, "the picture changes");
+}
+
+/* Reflections are traced with all their rays, without a limit of length and without a threshold. They have a price of
+   their own. */
+TEST(reflections_have_their_own_options) {
+    static sbl__core core;
+    static sbl__map m;
+    static sbl__reflections f;
+    core.base = base;
+    core.device.base = &core.base;
+    m.work.core = &core;
+    m.desc.width = m.desc.height = 1;
+    m.desc.target_error = 0.05f;
+    m.desc.threshold = 0.5f;
+    m.desc.look_rays = 8;
+    m.desc.price = 1;
+    m.desc.specular_price = 2;
+    m.desc.options.mode = m.work.measurement.options.mode = SBL_MODE_DIRECT;
+    m.work.measurement.looks = m.work.measurement.look_rays = 1;
+    m.work.measurement.options.backend = SBL_BACKEND_RASTER;
+    m.work.measurement.options.ray_length = 3;
+    REQUIRE(sbl__reflections_begin(&f, &m) == SBL_SUCCESS, "no memory");
+    CHECK(f.spec.traced && f.spec.lobe && !f.spec.no_light && f.spec.rays == SBL__REFLECTIONS_RAYS &&
+              !(f.spec.ray_length > 0), "%d rays of the length %g", f.spec.rays, (double)f.spec.ray_length);
+    CHECK(fabs((double)f.refine.price - 2) < 1e-6 && !(f.refine.threshold > 0) && !f.refine.look_rays,
+          "price %g, threshold %g", (double)f.refine.price, (double)f.refine.threshold);
+    sbl__refine_free(&core.device, &f.refine);
+    sbl__free(&core.base, f.errors);
+    CHECK(core.base.memory.host_bytes == 0, "memory is left");
+}
+
+/* The end of a refinement frees the job of traced rays, and keeps that of views, whose weights take long to compute. */
+TEST(jobs_of_views_are_kept) {
+    static sbl__core core;
+    sbl__refine r;
+    sbl__spec spec;
+    memset(&r, 0, sizeof r);
+    memset(&spec, 0, sizeof spec);
+    core.base = base;
+    core.device.base = &core.base;
+    r.core = &core;
+    r.spec = &spec;
+    core.job.looks = (sbl__look *)sbl__alloc(&core.base, 1, sizeof(sbl__look));
+    CHECK(sbl__refine_end(&r) == SBL_SUCCESS && core.job.looks, "the job of views is freed");
+    spec.traced = 1;
+    CHECK(sbl__refine_end(&r) == SBL_SUCCESS && !core.job.looks && core.base.memory.host_bytes == 0,
+          "the job of rays is kept");
+}
+
+/* One channel is grey, two are grey and alpha, three have no alpha. Rows may be apart. */
+TEST(pixels_of_all_kinds_are_read) {
+    enum { SIDE = 2, PIXEL = 4, ROW = 10 };
+    static const int from[4][4] = {  /* -1: unchanged */
+        { 0, 0, 0, -1 }, { 0, 0, 0, 1 }, { 0, 1, 2, -1 }, { 0, 1, 2, 3 }
+    };
+    unsigned char bytes[SIDE * ROW];
+    float floats[SIDE * ROW];
+    sbl_texture t;
+    int i, channels, k, wide;
+    for (i = 0; i < SIDE * ROW; i++) {
+        bytes[i] = (unsigned char)(10 * i);
+        floats[i] = (float)(2 * i);
+    }
+    memset(&t, 0, sizeof t);
+    t.width = t.height = SIDE;
+    for (i = 0; i < 16; i++) {  /* bytes, floats; rows without and with a gap; 1 to 4 channels */
+        channels = i / 4 + 1;
+        wide = i >> 1 & 1;
+        t.channels = channels;
+        t.pixels = i & 1 ? (const void *)floats : (const void *)bytes;
+        t.format = i & 1 ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
+        t.stride = (size_t)(wide ? ROW : 0) * (i & 1 ? 4 : 1);
+        for (k = 0; k < PIXEL; k++) {
+            float c[4] = { -9, -9, -9, -9 };
+            const int first = (wide ? ROW : SIDE * channels) + channels, source = from[channels - 1][k];
+            const double expected = source < 0 ? -9 : (i & 1 ? 2.0 : 10 / 255.0) * (first + source);
+            sbl__read_pixel(&t, 1, 1, c);
+            CHECK(fabs((double)c[k] - expected) < 1e-5, "case %d, component %d is %g", i, k, (double)c[k]);
+        }
+    }
+}
+
+/* The axes of a sky are a turned right-handed frame whose second axis points up. The middle of the picture is the
+   direction of its first axis, and a quarter further is that of its third. Without rotation, the axes are turned by the
+   shortest way. */
+TEST(skies_are_turned) {
+    static const float ups[5][3] = { { 0, 0, 0 }, { 0, 1, 0 }, { 2, 1, -2 }, { -0.3f, -3, 0.4f }, { 0, -1, 0 } };
+    int i, k;
+    for (i = 0; i < 10; i++) {
+        sbl_environment desc;
+        sbl__environment e;
+        double up[3], cross[3], axes[3][3], way[3], off = 0;
+        memset(&desc, 0, sizeof desc);
+        memset(&e, 0, sizeof e);
+        memcpy(desc.up, ups[i % 5], sizeof desc.up);
+        desc.rotation = i < 5 ? 0 : 90.0f;
+        sbl__environment_axes(&e, &desc);
+        for (k = 0; k < 9; k++) axes[k / 3][k % 3] = (double)e.axes[k / 3][k % 3];
+        for (k = 0; k < 3; k++) up[k] = i % 5 ? (double)desc.up[k] : k == 1;
+        sbl__normalize(up);
+        sbl__cross(axes[0], axes[1], cross);
+        for (k = 0; k < 3; k++) off += fabs(axes[1][k] - up[k]) + fabs(cross[k] - axes[2][k]);
+        CHECK(off < 1e-5, "sky %d: the axes are off by %g", i, off);
+        /* the trace of the rotation to `up`, followed by that about `up`: (1 + up.y) (1 + cos(rotation)) - 1 */
+        off = fabs(axes[0][0] + axes[1][1] + axes[2][2] - (i < 5 ? 1 + 2 * up[1] : up[1]));
+        CHECK(off < 1e-5, "sky %d: the trace is off by %g", i, off);
+        e.width = 4;
+        e.height = 3;
+        sbl__environment_direction(&e, 2, 1, way);  /* an eighth behind the middle, on the horizon */
+        off = 0;
+        for (k = 0; k < 3; k++) off += fabs(way[k] - sqrt(0.5) * (axes[0][k] + axes[2][k]));
+        CHECK(off < 1e-5, "sky %d: the direction is off by %g", i, off);
+    }
+}
+
+/* The bins of worth follow each other without gaps. */
+TEST(bins_of_worth_are_in_order) {
+    int bin;
+    for (bin = 1; bin + 1 < SBL__GAIN_BINS; bin++) {
+        const float low = sbl__bin_worth(bin), high = sbl__bin_worth(bin + 1);
+        if (!(low > 1e-37f) || !(high < 1e37f)) continue;
+        CHECK(high > low && high < 1.3f * low && sbl__worth_bin(low) == bin && sbl__worth_bin(0.999f * high) == bin &&
+                  sbl__worth_bin(high) == bin + 1, "bin %d: %g to %g", bin, (double)low, (double)high);
+    }
+}
+
+/* A leaf takes more points only from far hits. Black surfaces get all leaves, none, or a quarter. */
+TEST(leaves_have_limits) {
+    static sbl__bounce b;
+    sbl__bounce_leaf state;
+    sbl__store store;
+    sbl__hit at;
+    memset(&state, 0, sizeof state);
+    memset(&store, 0, sizeof store);
+    memset(&at, 0, sizeof at);
+    b.states = &state;
+    b.store = &store;
+    state.most = 4 * SBL__BOUNCE_POINTS;
+    store.length = 0.5f;
+    store.max_leaves = 1000;
+    at.distance = 0.49f * (float)SBL__BOUNCE_AFAR;
+    CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "a near hit becomes a further point");
+    at.distance = 0.51f * (float)SBL__BOUNCE_AFAR;
+    CHECK(sbl__points_most(&b, &at, 0) == 4 * SBL__BOUNCE_POINTS, "a far hit becomes no further point");
+    b.black = SBL__BLACK_EQUAL;
+    CHECK(sbl__cells_black_most(&b) == 1000, "%d leaves may be black", sbl__cells_black_most(&b));
+    b.black = SBL__BLACK_LEFT_OUT;
+    CHECK(sbl__cells_black_most(&b) == 0, "%d leaves may be black", sbl__cells_black_most(&b));
+    b.black = SBL__BLACK_JOINED;
+    CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
 int main(void) {
@@ -1049,6 +2033,9 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(light_between_sensors_is_curved);
+    RUN(noise_that_is_left);
+    RUN(any_colour_of_the_sky_is_light);
     RUN(sensors_of_other_surfaces_split_no_tile);
     RUN(first_tiles_end_with_the_picture);
     RUN(the_nearest_guide_is_taken);
@@ -1065,6 +2052,38 @@ int main(void) {
     RUN(sensors_keep_the_variance_of_a_look);
     RUN(dropped_glows_are_ordinary);
     RUN(glows_cover_their_cell);
+    RUN(lobes_are_unpacked);
+    RUN(largest_mirrors_of_lamps_are_kept);
+    RUN(contact_lines_cut_what_they_cross);
+    RUN(light_of_glows_is_added);
+    RUN(white_walls_are_told_once);
+    RUN(changed_lights_keep_points);
+    RUN(changes_reach_what_depends_on_them);
+    RUN(lamps_of_sensors_are_named);
+    RUN(components_of_all_types_are_read);
+    RUN(guides_are_smoothed);
+    RUN(looks_grow_after_the_first_round);
+    RUN(places_are_open);
+    RUN(depths_become_distances);
+    RUN(seconds_belong_to_stages);
+    RUN(layers_are_progress);
+    RUN(joined_texels_have_a_mean);
+    RUN(groups_of_meshes_inside_out);
+    RUN(windows_and_tiles_have_ends);
+    RUN(dark_sensors_are_inside);
+    RUN(cuts_lead_on);
+    RUN(lamps_have_the_group_of_their_source);
+    RUN(costs_fall_slowly);
+    RUN(extents_are_measured);
+    RUN(tiles_have_the_mean_of_their_corners);
+    RUN(flat_boxes_are_thick_enough);
+    RUN(glimpses_are_coarse);
+    RUN(reflections_have_their_own_options);
+    RUN(jobs_of_views_are_kept);
+    RUN(pixels_of_all_kinds_are_read);
+    RUN(skies_are_turned);
+    RUN(bins_of_worth_are_in_order);
+    RUN(leaves_have_limits);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
