@@ -19795,7 +19795,8 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__NOISE_IN_SPLITS 1.25f      /* replaces SBL__NOISE_IN_BIAS in gains of splits; it is larger because looks
                                            can remove that noise instead */
 #define SBL__LOOKS_GROWTH 8             /* maximum factor by which a sensor's looks grow in one round */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance, as four sensors are few; see
+                                           also sbl__tile_parent_weight */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
 #define SBL__GOAL_SHARE 0.6             /* a round does not aim below this * the present squared error, since new
@@ -19898,6 +19899,16 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
+/* Returns the weight of the parent tile in a tile's variance. The parent's variance is from the few looks that its
+   sensors had when it was split. Where surfaces reflect, a single ray among them that finds a lamp by chance raises
+   this variance much. There, the weight therefore falls as the tile's own sensors get more looks. In refinements of
+   lobes it does not, because pictures with a price would then differ more from pictures with a target. */
+static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *c) {
+    const int looks = sbl__tile_corners(r, c).looks, reflects = (r->core->scene.features & SBL__SPECULAR) != 0;
+    if (!reflects || r->lobes || looks <= c->looks) return SBL__PARENT_WEIGHT;
+    return SBL__PARENT_WEIGHT * (float)c->looks / (float)looks;
+}
+
 /* Computes noise2, variance and light of a tile from its usable corners, the variance also from the parent tile. If no
    corner is usable, only sets noise2 to 0. Adds the tile's light, pixels and variance to the sums of the picture. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
@@ -19917,7 +19928,8 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->noise2 = 0;
     if (!count) return;
     c->variance = variance = sbl__relative2(r, sum / count);
-    if (c->parent >= 0) c->variance += SBL__PARENT_WEIGHT * (r->tiles[c->parent].variance - variance);
+    if (c->parent >= 0)
+        c->variance += sbl__tile_parent_weight(r, c) * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
     c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));

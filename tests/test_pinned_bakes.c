@@ -446,11 +446,11 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x6f4aaa6ab5271b93u,  /* glossy_picture */
-    0x60edd398e7c591cau,  /* glossy_window */
-    0x2a30e416d6f0f8a7u,  /* glossy_inspection */
+    0x3d3080b84456b00bu,  /* glossy_picture */
+    0x932f41aafd81d38eu,  /* glossy_window */
+    0x5b5bd258a298d6c8u,  /* glossy_inspection */
     0x241b4819194d63e8u,  /* glossy_store */
-    0x9df221481dba488fu,  /* glossy_rasterised */
+    0xbd230c87a75d2311u,  /* glossy_rasterised */
     0x4870c7898dc98476u,  /* matte_picture */
     0x490ca53a3891606du,  /* plain_picture */
     0x065707dca533093du,  /* changed_picture */
