@@ -3050,7 +3050,7 @@ typedef struct sbl__record {
 #define SBL__END 0xffffffffu
 #define SBL__CHILD_NUMBER 0x0fffffffu
 #define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
-#define SBL__LAMP_NEAR_LIGHT 1u
+#define SBL__LAMP_LOCAL_LIGHT 1u
 #define SBL__LAMP_DISTANT_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_GLOW 4u
@@ -3059,11 +3059,11 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
-#define SBL__PATCH_NEAR 16u        /* flag of a patch word: the cell is for rays shorter than 1 / NEAR_PART of the
+#define SBL__PATCH_SHORT 16u        /* flag of a patch word: the cell is for rays shorter than 1 / SHORT_PART of the
                                       length of a level-0 cell */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
 #define SBL__PATCH_SHIFT 7         /* the index of a patch word's patch is word >> this */
-#define SBL__NEAR_PART 2           /* see SBL__PATCH_NEAR */
+#define SBL__SHORT_PART 2           /* see SBL__PATCH_SHORT */
 #define SBL__BUCKET_TRIES 64       /* maximum number of buckets that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: the reference leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* maximum number of cuts between a cell and a leaf */
@@ -3133,7 +3133,7 @@ typedef struct sbl__record {
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
-#define SBL__SHINY 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
+#define SBL__STRONG 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
@@ -3160,14 +3160,14 @@ typedef struct sbl__record {
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(PATCH_AXIS_SHIFT) \
-    X(NEAR_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
+    X(SHORT_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
     X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
     X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
-    X(LAMP_NEAR_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
+    X(LAMP_LOCAL_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
+    X(PATCH_BACK) X(PATCH_SHORT) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
-    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(SHINY) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
+    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(STRONG) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
     X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) X(LOBE_ROUGH) X(LOBE_UNIT) \
     X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) X(POLISHED) X(MIRROR_DIFFUSE) \
     X(STEPS_UNIT) X(STEPS_MASK) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL)
@@ -3451,7 +3451,7 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
 /* Returns the size of the storage of a buffer, at most 272 bytes more than asked for. Mesa's software renderer compiles
    a program anew for each combination of buffers whose sizes are powers of two, or have only zeros in bits 8 to 15. No
    size that this function returns has either property, so that scenes of any size share the compiled programs. */
-static size_t sbl__buffer_room(size_t bytes) {
+static size_t sbl__buffer_capacity(size_t bytes) {
     size_t room = SBL__MAX(bytes, 272);
     while (!(room >> 8 & 255) || !(room & (room - 1))) room += 16;
     return room;
@@ -3461,7 +3461,7 @@ static size_t sbl__buffer_room(size_t bytes) {
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
-    const size_t room = sbl__buffer_room(bytes);
+    const size_t room = sbl__buffer_capacity(bytes);
     sbl_result result;
     if (bytes > b->bytes && !sbl__budget_allows(d->base, (double)(bytes - b->bytes))) return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
@@ -5265,7 +5265,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
 }
 
 /* Queues the waiting neighbours of a thing that `joined` accepts, as the next ring. Does nothing in the last ring. */
-static void sbl__ring_spread(sbl__rings *r, int thing) {
+static void sbl__ring_queue_neighbours(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
     while (r->number < r->last && (other = sbl__ring_grid(r, thing, &place)) >= 0) {
@@ -5278,7 +5278,7 @@ static void sbl__ring_spread(sbl__rings *r, int thing) {
 /* Queues the neighbours of a thing of ring 0. */
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
-    if (r->ring[thing] == 0) sbl__ring_spread(r, thing);
+    if (r->ring[thing] == 0) sbl__ring_queue_neighbours(r, thing);
     return SBL_SUCCESS;
 }
 
@@ -5288,7 +5288,7 @@ static sbl_result sbl__ring_next(void *work, int at) {
     const int thing = r->queue[at];
     r->number = r->ring[thing];
     r->mean(r->user, thing);
-    sbl__ring_spread(r, thing);
+    sbl__ring_queue_neighbours(r, thing);
     return SBL_SUCCESS;
 }
 
@@ -5310,7 +5310,7 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
    Pain"). The matrix is a multiple of the identity plus a sum of terms; the caller's function multiplies a direction by
    one term. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* maximum number of iterations */
+#define SBL__SOLVER_ITERATIONS 1000  /* maximum number of iterations */
 
 #define SBL__SOLVER_STAGES(X) \
     X(SBL__SOLVER_START, NULL, sbl__solver_unknown, sbl__solver_unknowns, sbl__solver_after_start) \
@@ -5440,11 +5440,11 @@ static int sbl__solver_after_advance(void *work) {
         sum->power = sum->next_power;
         sum->next_power = sum->along = sum->left2 = 0;
     }
-    return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
+    return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ITERATIONS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does a piece of the work. Returns SBL_SUCCESS if all systems are solved, or after SBL__SOLVER_ROUNDS iterations. The
-   next call then starts a new solution. */
+/* Does a piece of the work. Returns SBL_SUCCESS if all systems are solved, or after SBL__SOLVER_ITERATIONS iterations.
+   The next call then starts a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = { SBL__SOLVER_STAGES(SBL__STAGE_ROW) };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
@@ -5630,7 +5630,7 @@ static float sbl__hit_roughness(const sbl__object *o, float reflectance[3]) {
     if (!sbl__is_specular(o)) return -1;
     for (k = 0; k < 3; k++)
         reflectance[k] = o->reflectance + (SBL__MIN(o->albedo[k], 1.0f) - o->reflectance) * o->metallic;
-    return SBL__MAX(o->roughness, sbl__max3(reflectance) > SBL__SHINY ? SBL__BLURRED : SBL__BLURRED_GLOSS);
+    return SBL__MAX(o->roughness, sbl__max3(reflectance) > SBL__STRONG ? SBL__BLURRED : SBL__BLURRED_GLOSS);
 }
 
 /* Returns the material without its reflections and transmission. */
@@ -5988,15 +5988,15 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.\n",
-"bool sbl_shines(sbl_Material m, vec3 reflectance) {\n",
-"    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;\n",
+"// Returns true if the surface has a lobe and this reflectance exceeds SBL_STRONG.\n",
+"bool sbl_is_strong(sbl_Material m, vec3 reflectance) {\n",
+"    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_STRONG;\n",
 "}\n",
 "\n",
 "// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue\n",
 "// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
 "bool sbl_hit_as_gloss(sbl_Material m) {\n",
-"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);\n",
+"    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_is_strong(m, m.reflectance);\n",
 "}\n",
 "\n",
 "// Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light\n",
@@ -6111,7 +6111,9 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "// Returns the fraction of light that a perfect mirror reflects at this cosine.\n",
-"vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }\n",
+"vec3 sbl_mirror_reflectance(sbl_Material m, float cosine) {\n",
+"    return m.opacity * sbl_fresnel(m.reflectance, cosine);\n",
+"}\n",
 "\n",
 "// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
@@ -6440,7 +6442,7 @@ typedef struct sbl__bvh_node_cost { double sum; float area; int parent; } sbl__b
 #define SBL__BVH_STAGES(X) \
     X(SBL__BVH_BOXES, NULL, sbl__bvh_box, sbl__bvh_all_triangles, sbl__bvh_after_boxes) \
     X(SBL__BVH_COUNT, NULL, sbl__bvh_chunk, sbl__bvh_chunks, sbl__bvh_choose) \
-    X(SBL__BVH_PART, NULL, sbl__bvh_chunk, sbl__bvh_chunks, NULL) \
+    X(SBL__BVH_MOVE, NULL, sbl__bvh_chunk, sbl__bvh_chunks, NULL) \
     X(SBL__BVH_NODE, sbl__bvh_end_task, NULL, NULL, sbl__bvh_next_task) \
     X(SBL__BVH_COSTS, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes, NULL) \
     X(SBL__BVH_TRIANGLES, sbl__bvh_triangles, NULL, NULL, NULL) \
@@ -6510,7 +6512,7 @@ static int sbl__bvh_chunks(void *work) {
 }
 
 /* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
-   task (SBL__BVH_PART). */
+   task (SBL__BVH_MOVE). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
@@ -6521,7 +6523,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     for (i = first; i < end; i++) {
         const uint32_t number = order[i];
         const sbl__box *box = &b->boxes[number];
-        if (b->stages.stage == SBL__BVH_PART) {
+        if (b->stages.stage == SBL__BVH_MOVE) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
             sbl__bvh_bounds_add(&s->parts[second], box);
             if (second) continue;
@@ -6536,7 +6538,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART, or SBL__BVH_NODE without a split. */
+/* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_MOVE, or SBL__BVH_NODE without a split. */
 static int sbl__bvh_choose(void *work) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
@@ -6559,7 +6561,7 @@ static int sbl__bvh_choose(void *work) {
             if (cost < best) { best = cost; s->axis = axis; s->bin = k; }
         }
     }
-    return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
+    return s->axis >= 0 ? SBL__BVH_MOVE : SBL__BVH_NODE;
 }
 
 /* >>bvh: nodes */
@@ -7087,7 +7089,7 @@ SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__S
 
 /* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | index. The index counts triangles in the
    hierarchy's order, lights, glows, or texels (row * width + column). layer: index of the lamp's light group; a glow
-   has light of all groups, see sbl_lamp_share in lamp.glsl */
+   has light of all groups, see sbl_lamp_layer_fraction in lamp.glsl */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UINT, layer) X(sbl__lamp_leaf, UVEC2, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -7317,7 +7319,7 @@ static void sbl__light_write(const sbl_light *light, const float centre[3], sbl_
 static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *lamp) {
     const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
-    const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_NEAR_LIGHT;
+    const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_LOCAL_LIGHT;
     double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
@@ -7528,10 +7530,10 @@ static int sbl__lamp_trees_root(sbl__lamp_trees *l, int at, int first, int count
 /* Makes the roots of the trees of near and of distant lamps. The lamps must be sorted. */
 static int sbl__lamp_trees_make_roots(void *work) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
-    int near_count = 0;
-    while (near_count < l->count && !l->list[near_count].distant) near_count++;
-    l->node_count = sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, 0, 0, near_count), near_count,
-                                         l->count - near_count);
+    int local_count = 0;
+    while (local_count < l->count && !l->list[local_count].distant) local_count++;
+    l->node_count = sbl__lamp_trees_root(l, sbl__lamp_trees_root(l, 0, 0, local_count), local_count,
+                                         l->count - local_count);
     return l->stages.stage + 1;
 }
 
@@ -7615,7 +7617,7 @@ static sbl_result sbl__lamp_trees_sum(void *work, int at) {
 /* >>lamps: stages */
 
 /* Computes the positions of all lamps along the Morton curve, and allocates the arrays of the next stages. */
-static sbl_result sbl__lamp_trees_place(void *work, sbl__slice *slice) {
+static sbl_result sbl__lamp_trees_write(void *work, sbl__slice *slice) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__base *base = l->device->base;
     int i, k;
@@ -7643,7 +7645,7 @@ static uint32_t sbl__lamp_layer(const sbl__lamp_trees *l, uint32_t code) {
 }
 
 /* Writes, for each glow and light group, the fraction of the glow's light that the group causes, as 4 floats. */
-static void sbl__lamps_write_shares(const sbl__lamps *l, float *out) {
+static void sbl__lamps_write_layers(const sbl__lamps *l, float *out) {
     int i, g, k;
     for (i = 0; i < l->glow_count; i++, out += 4 * l->groups) {
         const float *light = l->leaf_layers + 3 * (size_t)l->groups * (size_t)l->glows[i].leaf;
@@ -7829,7 +7831,7 @@ static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
         for (i = 0; i < lamps->light_count; i++)
             sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], place);
         if (glows) memcpy(all + nodes + leaves + records, lamps->glows, glows);
-        if (layers) sbl__lamps_write_shares(lamps, (float *)(void *)(all + bytes - mirrored - layers));
+        if (layers) sbl__lamps_write_layers(lamps, (float *)(void *)(all + bytes - mirrored - layers));
         if (mirrored) memcpy(all + bytes - mirrored, lamps->mirrored, mirrored);
         result = sbl__buffer_make(d, &lamps->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lamps->table, SBL__GL_RGBA32UI, l->geometry->wide);
@@ -7863,7 +7865,7 @@ static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const 
     static const sbl__stage_row table[] = {
         { NULL, sbl__lamp_trees_add, sbl__lamp_trees_candidates, NULL },
         { NULL, sbl__lamp_trees_drop_copy, sbl__lamp_trees_count, sbl__lamp_trees_compact },
-        { sbl__lamp_trees_place, NULL, NULL, NULL },
+        { sbl__lamp_trees_write, NULL, NULL, NULL },
         { sbl__lamp_trees_sort, NULL, NULL, sbl__lamp_trees_make_roots },
         { NULL, sbl__lamp_trees_split, sbl__lamp_trees_nodes, NULL },
         { NULL, sbl__lamp_trees_sum, sbl__lamp_trees_nodes, NULL },
@@ -7932,13 +7934,13 @@ typedef struct sbl__store {
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_bucket *cells;     /* buckets of the hash grid, including free ones */
-    int cell_room;             /* number of buckets: a power of two, or 0 if `cells` is NULL */
+    int cell_capacity;             /* number of buckets: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     float *layers;             /* per leaf and light group: the part of R that the group causes, as 3 floats; NULL: the
                                   scene has no light groups */
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
-    int cut_count, cut_room, leaf_count, leaf_room, bright_count;
+    int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
@@ -7988,8 +7990,8 @@ static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     return hash ^ hash >> SBL__HASH_SHIFT;
 }
 
-/* Returns 1 if rays of this length read the cells for near rays, like sbl_is_near in store.glsl. */
-static int sbl__is_near(const sbl__store *s, float distance) { return distance * SBL__NEAR_PART < s->length; }
+/* Returns 1 if rays of this length read the cells for short rays, like sbl_is_short in store.glsl. */
+static int sbl__is_short(const sbl__store *s, float distance) { return distance * SBL__SHORT_PART < s->length; }
 
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     const int level = (int)(patch / SBL__PATCH_LEVEL) & 3;
@@ -8019,7 +8021,7 @@ static sbl__cell_bucket *sbl__store_seek(const sbl__store *s, uint32_t patch, co
     int i;
     *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
     for (i = 0; i < SBL__BUCKET_TRIES; i++) {
-        sbl__cell_bucket *bucket = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
+        sbl__cell_bucket *bucket = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_capacity - 1)];
         if (bucket->check == 0 || bucket->check == *check) return bucket;
     }
     return NULL;
@@ -8052,9 +8054,9 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
 }
 
 /* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
-   sbl__is_near). side: patch word of a triangle's side, with level 0 */
+   sbl__is_short). side: patch word of a triangle's side, with level 0 */
 static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
-    return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
+    return side | (attempt & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
 
 /* Returns the reference in the bucket of the cell at a position, or 0 if the cell has no bucket. */
@@ -8084,7 +8086,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     const uint32_t before = *reference;
     sbl__cut *cut;
     *reference = SBL__CELL_CUT | (uint32_t)s->cut_count;
-    if (!sbl__grow(base, &s->cuts, &s->cut_room, s->cut_count + 1, sizeof *s->cuts))
+    if (!sbl__grow(base, &s->cuts, &s->cut_capacity, s->cut_count + 1, sizeof *s->cuts))
         return SBL_ERROR_OUT_OF_MEMORY;
     cut = &s->cuts[s->cut_count++];
     memset(cut, 0, sizeof *cut);
@@ -8098,7 +8100,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
    small. */
 
 #define SBL__PATCH_SMOOTH 0.8   /* smallest cosine between the normals of neighbours in a patch */
-#define SBL__PATCH_EVEN 0.9999  /* smallest cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_FLAT_COSINE 0.9999  /* smallest cosine between the normals of a flat patch's triangles */
 #define SBL__PATCH_LEAST 0.25   /* sbl__patching.least is this * pool * (area of a level-0 cell with growth 1) */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
@@ -8188,7 +8190,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
         if (!sbl__triangle_is_black(g, triangle)) p->reflecting += area;
     }
     for (k = 0; k < 3; k++) cosine += normal[k] * patch->normal[k];
-    if (cosine < SBL__PATCH_EVEN) patch->flat = 0;
+    if (cosine < SBL__PATCH_FLAT_COSINE) patch->flat = 0;
     return SBL_SUCCESS;
 }
 
@@ -8243,14 +8245,14 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl
         s->brightest = SBL__MAX(s->brightest, SBL__MAX((float)fabs((double)light[0]), SBL__MAX(light[1], light[2])));
     }
     s->first_cell = g->triangle_count / 4 + 1;
-    s->first_cut = s->first_cell + s->cell_room / 2;
+    s->first_cut = s->first_cell + s->cell_capacity / 2;
     s->first_leaf = s->first_cut + 2 * s->cut_count;
     s->first_layer = s->first_leaf + s->leaf_count;
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_layer + (size_t)groups * (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
     sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)g->triangle_count, s->patches);
-    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_capacity, s->cells);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
     if (groups) result = sbl__store_send_layers(d, s, groups);
@@ -8269,7 +8271,7 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__set_int(d, "first_layer", s->first_layer);
     sbl__set_vec3(d, "cell_origin", s->origin);
     sbl__set_float(d, "per_cell", 1 / s->length);
-    sbl__set_int(d, "cell_mask", s->cell_room - 1);
+    sbl__set_int(d, "cell_mask", s->cell_capacity - 1);
     sbl__set_int(d, "bright_cells", s->bright_count);
 }
 
@@ -8331,7 +8333,7 @@ static const char *const sbl__glsl_store[] = {
 "}\n",
 "\n",
 "// Returns true if rays of this length read the cells for near rays.\n",
-"bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }\n",
+"bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }\n",
 "\n",
 "// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.\n",
 "// back: the ray sees the back of the triangle. distance: length of the ray that sees the position\n",
@@ -8342,7 +8344,7 @@ static const char *const sbl__glsl_store[] = {
 "        uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;\n",
 "        at *= uvec3(axis != 0u, axis != 1u, axis != 2u);\n",
 "    }\n",
-"    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;\n",
+"    if (sbl_is_short(distance)) patch_word |= SBL_PATCH_SHORT;\n",
 "    uint reference = 0u;\n",
 "    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits\n",
 "    // `distance`.\n",
@@ -8361,7 +8363,7 @@ static const char *const sbl__glsl_store[] = {
 "            uvec2 sides = sbl_cut_sides(cut);\n",
 "            reference = dot(sbl_cut_normal(cut), position) > sbl_cut_distance(cut) ? sides.y : sides.x;\n",
 "        }\n",
-"        patch_word ^= SBL_PATCH_NEAR;\n",
+"        patch_word ^= SBL_PATCH_SHORT;\n",
 "        if ((tries & 1) == 1) {\n",
 "            patch_word += SBL_PATCH_LEVEL;\n",
 "            at >>= uint(SBL_LEVEL_SHIFT);\n",
@@ -8377,7 +8379,7 @@ static const char *const sbl__glsl_store[] = {
 "// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same\n",
 "// parameters; it becomes the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
-"    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
+"    for (int i = 0; i < (bright_cells > 0 && sbl_is_short(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
 "    vec3 light = leaf == 0 || bright_cells == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);\n",
 "    bool bright = floatBitsToInt(light.r) < 0;\n",
@@ -8967,9 +8969,9 @@ typedef struct sbl__glowing {
     double area;                     /* glows of smaller area are dropped; in square world units */
 } sbl__glowing;
 
-/* Returns a cell's patch word without SBL__PATCH_NEAR and level. The sides of triangles in the cell have this word. */
+/* Returns a cell's patch word without SBL__PATCH_SHORT and level. The sides of triangles in the cell have this word. */
 static uint32_t sbl__side_of_patch(uint32_t patch) {
-    return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
+    return patch & ~(SBL__PATCH_SHORT | 3u * SBL__PATCH_LEVEL);
 }
 
 /* Comparison function for qsort: orders cells by the side of their patch (sbl__side_of_patch), then by their patch word
@@ -9046,7 +9048,7 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
 /* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for far rays. Makes glows of
    its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
    sbl__patch_from_afar. reference: result of the attempts before it; 0: they found nothing */
-static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
+static sbl_result sbl__glow_split(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
                                  uint32_t reference) {
     const sbl__store *s = &w->scene->store;
     const sbl__cut *cut;
@@ -9065,7 +9067,7 @@ static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const f
     for (i = 0; i < 3; i++) normal[i] = (double)cut->normal[i];
     sbl__polygon_cut(p, normal, (double)cut->distance, sides);
     for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
-        result = sbl__glow_part(w, &sides[i], middle, attempt, cut->sides[i]);
+        result = sbl__glow_split(w, &sides[i], middle, attempt, cut->sides[i]);
     return result;
 }
 
@@ -9088,7 +9090,7 @@ static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const 
         inside[k] = s->origin[k] + s->length * ((float)low[k] + 0.5f);
         if (k != flat && high[k] - low[k] > 1 && (axis < 0 || high[k] - low[k] > high[axis] - low[axis])) axis = k;
     }
-    if (axis < 0) return sbl__glow_part(w, p, inside, 0, 0);
+    if (axis < 0) return sbl__glow_split(w, p, inside, 0, 0);
     middle = low[axis] + (high[axis] - low[axis]) / 2;
     to[axis] = from[axis] = middle;
     normal[axis] = 1;
@@ -9734,7 +9736,7 @@ typedef struct sbl__window {
                                    also refined if they are at most their own size away from the window */
 } sbl__window;
 
-#define SBL__WINDOW_RINGS 2     /* rings of a window with a price */
+#define SBL__WINDOW_BORDER_TILES 2     /* rings of a window with a price */
 
 #define SBL__WINDOW_REACH 2     /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
@@ -9746,7 +9748,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.whole[0] = d->width;
     w.whole[1] = d->height;
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_REACH;
-    w.rings = d->price > 0 ? SBL__WINDOW_RINGS : 0;
+    w.rings = d->price > 0 ? SBL__WINDOW_BORDER_TILES : 0;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
         /* number of first-level tiles between the edge of the whole picture and the end of the working grid */
@@ -9839,7 +9841,7 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
 #define SBL__ATLAS_INSET_MOST 0.01
 #define SBL__ATLAS_SHARP 0.49   /* an edge is sharp if the cosine of the angle between its triangles' normals is less:
                                    60.7 degrees, so that pipes of six sides have no sharp edges */
-#define SBL__ATLAS_ROUNDS 3     /* number of triangles over which the marks of sharp edges spread */
+#define SBL__ATLAS_MARK_STEPS 3     /* number of triangles over which the marks of sharp edges spread */
 
 /* The stages up to MARK_END find facets, the others draw. */
 #define SBL__ATLAS_STAGES(X) \
@@ -9848,7 +9850,7 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
     X(SBL__ATLAS_MARK_WELD, NULL, sbl__atlas_mark_weld, sbl__atlas_mark_vertices, NULL) \
     X(SBL__ATLAS_MARK_JOIN, NULL, sbl__atlas_mark_join, sbl__atlas_mark_triangles, NULL) \
     X(SBL__ATLAS_MARK_SHARP, NULL, sbl__atlas_mark_sharp, sbl__atlas_mark_triangles, NULL) \
-    X(SBL__ATLAS_MARK_SPREAD, NULL, sbl__atlas_mark_spread, sbl__atlas_mark_visits, NULL) \
+    X(SBL__ATLAS_MARK_NEIGHBOURS, NULL, sbl__atlas_mark_neighbours, sbl__atlas_mark_visits, NULL) \
     X(SBL__ATLAS_MARK_END, sbl__atlas_mark_end, NULL, NULL, NULL) \
     X(SBL__ATLAS_WELD, sbl__atlas_weld_begin, sbl__atlas_weld, sbl__atlas_vertices, NULL) \
     X(SBL__ATLAS_JOIN, NULL, sbl__atlas_join, sbl__atlas_triangles, NULL) \
@@ -10281,7 +10283,7 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
 /* Computes position i of a sequence that covers the rectangle of a texel's square evenly, also if only x or only y is
    considered (see sbl__r2). Returns the triangle there and the position's barycentric weights, or SBL__NONE if no
    triangle contains the position. */
-static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
+static uint32_t sbl__atlas_locate(const sbl__atlas_square *s, int i, double weights[3]) {
     double u[2], at[2];
     int k, n;
     sbl__r2(i, u);
@@ -10328,7 +10330,7 @@ static int sbl__atlas_mark_triangles(void *work) {
     return ((sbl__atlas *)work)->marks ? sbl__atlas_triangles(work) : 0;
 }
 
-static int sbl__atlas_mark_visits(void *work) { return SBL__ATLAS_ROUNDS * sbl__atlas_mark_triangles(work); }
+static int sbl__atlas_mark_visits(void *work) { return SBL__ATLAS_MARK_STEPS * sbl__atlas_mark_triangles(work); }
 
 static sbl_result sbl__atlas_mark_weld(void *work, int at) {
     sbl__atlas *a = (sbl__atlas *)work;
@@ -10384,7 +10386,7 @@ static sbl_result sbl__atlas_mark_sharp(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__atlas_mark_spread(void *work, int at) {
+static sbl_result sbl__atlas_mark_neighbours(void *work, int at) {
     sbl__atlas *a = (sbl__atlas *)work;
     const int count = a->geometry->triangle_count;
     sbl__atlas_mark_visit(a, (uint32_t)(at % count), 1 + at / count);
@@ -10492,7 +10494,7 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
+#define SBL__DEPTH_NEAREST 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
 #define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows. A draw covers at most a band, because triangles may be
                                       large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle in addition to its pixels, in pixels */
@@ -10549,7 +10551,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     for (k = 0; k < 3; k++)
         c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]) - (double)c->centre[k];
     c->orthographic = desc->view_to_clip[11] == 0.0f;
-    c->depth_scale = (float)SBL__DEPTH_SHARE * g->extent;
+    c->depth_scale = (float)SBL__DEPTH_NEAREST * g->extent;
     c->facet_limit = SBL__MAX(desc->facet_limit, 0.0f);
     c->nearest = DBL_MAX;
     c->farthest = -DBL_MAX;
@@ -10957,7 +10959,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
 "    pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;\n",
 "    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
-"    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_share(s.material, cosine);\n",
+"    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);\n",
 "    sbl_Leaving through = sbl_leaving(s, true, direction, passing);\n",
 "    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);\n",
 "    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);\n",
@@ -10975,7 +10977,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    float cosine = -dot(s.normal, ray.direction);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
-"    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
+"    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
 "                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
 "    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
 "    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
@@ -11481,7 +11483,7 @@ SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TA
 
 /* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across:
    position of the column, 0 to 1; roughness: below SBL__LOBE_FIRST, the first row is used */
-static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
+static void sbl__lobe_fetch(const uint16_t *table, int count, double across, double roughness, double *out) {
     const int last = SBL__LOBE_ROWS - 1;
     const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
     const double y = SBL__MIN(SBL__MAX((roughness - SBL__LOBE_FIRST) / (1 - SBL__LOBE_FIRST), 0), 1) * last;
@@ -11500,7 +11502,7 @@ static void sbl__specular_albedo(const float reflectance[3], double roughness, d
     const double alpha = roughness * roughness, u = 1 - cosine;
     double share[2];
     int k;
-    sbl__lobe_look_up(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
+    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
     share[0] /= (double)SBL__LOBE_UNIT;
     share[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
     for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
@@ -11518,7 +11520,7 @@ static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
     out->roughness = site->roughness;
     sbl__specular_albedo(site->reflectance, (double)site->roughness, cosine, out->albedo);
     for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__LOBE_LEAST);
-    sbl__lobe_look_up(sbl__lobe_cosines[0], 4, sqrt(cosine), (double)site->roughness, m);
+    sbl__lobe_fetch(sbl__lobe_cosines[0], 4, sqrt(cosine), (double)site->roughness, m);
     out->xx = (float)(m[0] / 32768);
     out->xz = (float)(m[1] * sine / 32768);
     out->zx = (float)(-m[2] * sine / 32768);
@@ -11694,10 +11696,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_BINS (SBL__GUIDE_BANDS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
 /* A guide chooses a band, then a sector of the band. In both choices, a part of the probability is uniform, as without
-   a guide. This part is at least SBL__GUIDE_EVEN, so that light that no scout found is not missed. It grows if the
+   a guide. This part is at least SBL__GUIDE_UNIFORM, so that light that no scout found is not missed. It grows if the
    fraction of lit bins exceeds SBL__GUIDE_DARK, and is 1 from SBL__GUIDE_LIT on, because a guide adds noise where light
    is uniform. */
-#define SBL__GUIDE_EVEN 0.2
+#define SBL__GUIDE_UNIFORM 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
 /* Distance between the pixels that have guides, in pixels. It is divided by 2 or 4 if this gives fewer than
@@ -11729,7 +11731,7 @@ typedef struct sbl__guides {
     int scouts;                 /* number of scouts per pixel of the grid */
     int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
     int parallax_aware;         /* 1: the light of a scout is added to other guides in the directions in which their
-                                   pixels see it, see sbl__scout_spread */
+                                   pixels see it, see sbl__scout_splat */
     sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
     int receiver_count;
     int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
@@ -11784,10 +11786,10 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Returns the uniform part of the probability in both choices of a guide, SBL__GUIDE_EVEN to 1. The squared mean of
+/* Returns the uniform part of the probability in both choices of a guide, SBL__GUIDE_UNIFORM to 1. The squared mean of
    densities divided by their mean square is the fraction of lit bins: exactly if all lit bins are equal, otherwise
    approximately. */
-static double sbl__guide_even(const float *densities) {
+static double sbl__guide_uniform(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
     for (i = 0; i < SBL__GUIDE_BINS; i++) {
@@ -11796,7 +11798,7 @@ static double sbl__guide_even(const float *densities) {
     }
     lit = squares > 0 ? sum * sum / (squares * SBL__GUIDE_BINS) : 1;
     lit = SBL__MIN(SBL__MAX((lit - SBL__GUIDE_DARK) / (SBL__GUIDE_LIT - SBL__GUIDE_DARK), 0.0), 1.0);
-    return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
+    return SBL__GUIDE_UNIFORM + (1 - SBL__GUIDE_UNIFORM) * lit;
 }
 
 /* Makes a guide. found: per bin, the sum of the squared luminances that scouts found; words: receives the guide */
@@ -11812,7 +11814,7 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
             bands[band] += *density;
         }
     }
-    even = sbl__guide_even(densities);
+    even = sbl__guide_uniform(densities);
     for (band = 0; band < SBL__GUIDE_BANDS; band++)
         sbl__guide_intervals(densities + band * SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, even,
                              words + (SBL__GUIDE_BANDS + band * SBL__GUIDE_SECTORS) / 2);
@@ -11854,7 +11856,7 @@ typedef struct sbl__slots {
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
    trace.glsl), or the results of looks. Textures 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the
-   harmonics of red, green and blue light, and 5 (partial sums of rays) holds out_even. For light from lamps, 0 holds
+   harmonics of red, green and blue light, and 5 (partial sums of rays) holds out_control. For light from lamps, 0 holds
    the sums, and 1 to 3 the harmonics. In jobs with light groups, the layers follow 1 (light from lamps: 0), see
    SBL__LAYER_TEXTURES. */
 #define SBL__BLOCKS 8
@@ -11949,15 +11951,15 @@ static const char *const sbl__glsl_layers[] = {
 "    SBL_PART_2(SBL_OUT(c, out_layers_2);) SBL_PART_3(SBL_OUT(d, out_layers_3);) \\\n",
 "    SBL_PART_4(SBL_OUT(e, out_layers_4);) SBL_PART_5(SBL_OUT(f, out_layers_5);)\n",
 "#define sbl_write_layers(l) \\\n",
-"    SBL_PART_0(sbl_write(out_layers_0, sbl_layers_part(l, 0));) \\\n",
-"    SBL_PART_1(sbl_write(out_layers_1, sbl_layers_part(l, 1));) \\\n",
-"    SBL_PART_2(sbl_write(out_layers_2, sbl_layers_part(l, 2));) \\\n",
-"    SBL_PART_3(sbl_write(out_layers_3, sbl_layers_part(l, 3));) \\\n",
-"    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_part(l, 4));) \\\n",
-"    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_part(l, 5));)\n",
+"    SBL_PART_0(sbl_write(out_layers_0, sbl_layers_texel(l, 0));) \\\n",
+"    SBL_PART_1(sbl_write(out_layers_1, sbl_layers_texel(l, 1));) \\\n",
+"    SBL_PART_2(sbl_write(out_layers_2, sbl_layers_texel(l, 2));) \\\n",
+"    SBL_PART_3(sbl_write(out_layers_3, sbl_layers_texel(l, 3));) \\\n",
+"    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \\\n",
+"    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)\n",
 "\n",
 "// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.\n",
-"vec4 sbl_layers_part(vec3 layers[SBL_GROUPS], int part) {\n",
+"vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int part) {\n",
 "    vec4 floats = vec4(0);\n",
 "    for (int k = 0; k < 4; k++)\n",
 "        if (4 * part + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * part + k) / 3][(4 * part + k) % 3];\n",
@@ -12142,7 +12144,7 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
 }
 
 /* Returns the number of invocations that share a look's rays towards lamps, or 0 if looks have no such rays. */
-static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
+static int sbl__aim_invocations(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int most = sbl__rays_most(h, SBL__LOOP_ITERATIONS, SBL__LAMP_CHUNK, spec->divisor);
     const int chunk = spec->traced ? most : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
@@ -12153,7 +12155,7 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->parts = sbl__aim_parts(spec, h);
+    a->parts = sbl__aim_invocations(spec, h);
     if (!spec->lamp_rays) return SBL_SUCCESS;
     result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
     if (result != SBL_SUCCESS) return result;
@@ -12216,11 +12218,12 @@ static const char *const sbl__glsl_lamp[] = {
 "                               // is -1\n",
 "    vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)\n",
 "    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`\n",
-"    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share\n",
+"    int layer;                 // index of the lamp's light group; glow: index of its record, see\n",
+"                               // sbl_lamp_layer_fraction\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) {\n",
-"    return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);\n",
+"    return mixed && (l.kind == SBL_LAMP_LOCAL_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);\n",
 "}\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
@@ -12273,7 +12276,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        l.corner = sbl_light_position(int(at));\n",
 "        l.brightness = sbl_light_intensity(int(at)) / unit;\n",
 "        l.sine2 = sbl_light_radius(int(at));\n",
-"        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
+"        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
 "            l.corner -= position;\n",
 "            l.radius = l.sine2;\n",
 "            l.away = length(l.corner);\n",
@@ -12293,7 +12296,7 @@ static const char *const sbl__glsl_lamp[] = {
 "uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer\n",
 "\n",
 "// Returns the fraction of a lamp's light that belongs to a layer.\n",
-"vec3 sbl_lamp_share(sbl_Lamp l, int layer) {\n",
+"vec3 sbl_lamp_layer_fraction(sbl_Lamp l, int layer) {\n",
 "    if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);\n",
 "    return vec3(l.layer == layer ? 1.0 : 0.0);\n",
 "}\n",
@@ -12338,7 +12341,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time\n",
 "// Graphics\"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's\n",
 "// centre. sine2: squared sine of half the angle that the lamp subtends\n",
-"float sbl_round(float z, float sine2) {\n",
+"float sbl_lamp_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
 "    float q = clamp(z / sine, -1.0, 1.0), x = sqrt(1.0 / sine2 - 1.0);\n",
@@ -12355,7 +12358,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
+"    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
 "    if (sbl_is_texel(l))\n",
 "        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
 "    return l.brightness * factor;\n",
@@ -12393,7 +12396,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
-"        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
+"        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;\n",
 "    }\n",
 "    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
 "}\n",
@@ -12497,7 +12500,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
-"        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
+"        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
 "            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
 "        }\n",
@@ -12707,7 +12710,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Adds the light of a lamp to sums ordered like whole_layers.\n",
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
-"        vec3 part = light * sbl_lamp_share(l, g);\n",
+"        vec3 part = light * sbl_lamp_layer_fraction(l, g);\n",
 "        sums[g] += l.facing.x * part;\n",
 "        sums[SBL_GROUPS + g] += l.facing.y * part;\n",
 "    }\n",
@@ -12986,11 +12989,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST\n",
-"        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
+"        float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        float rays_counted = samples[g];\n",
 "#ifdef SBL_LOBE\n",
 "        float all = max(dot(open[g], SBL_LUMINANCE), 1e-30);\n",
-"        lit_share = min(dot(seen[g], SBL_LUMINANCE) / all, 1.0);\n",
+"        lit_fraction = min(dot(seen[g], SBL_LUMINANCE) / all, 1.0);\n",
 "        rays_counted = all * all / max(lobe_squares[g], 1e-30);\n",
 "#endif\n",
 "        if (sparse[g] > 0.0) continue;\n",
@@ -13011,10 +13014,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.\n",
 "        float factor = factors[g] / max(lit[g], 1.0);\n",
 "        float varies = max(factor_squares[g] / max(lit[g], 1.0) - factor * factor, 0.0);\n",
-"        r.light.a += mean * mean * lit_share * varies / max(samples[g], 1.0);\n",
+"        r.light.a += mean * mean * lit_fraction * varies / max(samples[g], 1.0);\n",
 "        mean *= factor;\n",
 "#endif\n",
-"        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);\n",
+"        r.light.a += mean * mean * lit_fraction * (1.0 - lit_fraction) * sbl_strata(rays_counted);\n",
 "    }\n",
 "    return r;\n",
 "}\n",
@@ -13723,7 +13726,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                                    sbl__blocks *blocks) {
     const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_ITERATIONS / 4, SBL__POOL_RAYS, spec->divisor);
     const int chunk = SBL__MIN(most, sbl__trace_pools(d, scene, spec) ? SBL__POOL_RAYS : (spec->rays + 7) / 8);
-    const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
+    const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_invocations(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
@@ -13819,8 +13822,8 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
 "// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
-"// them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the rays).\n",
-"// cast.glsl traces them only where sbl_shines is true, for example on metal.\n",
+"// them at near hits and where the surface shines (hit_continues: metal, panes, and gloss for a part of the rays).\n",
+"// cast.glsl traces them only where sbl_is_strong is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
@@ -13829,17 +13832,18 @@ static const char *const sbl__glsl_reflect[] = {
 "// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
 "// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
-"bool hit_shines = false;     // true: the surface of the last hit shines\n",
+"bool hit_continues = false;     // true: the surface of the last hit shines\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
 "                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits\n",
 "\n",
-"// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines\n",
-"// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is\n",
-"// divided by this chance, because it is a factor of the lobe. A pane always shines, because sbl_passes has chosen\n",
-"// the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this angle. direction:\n",
-"// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe\n",
+"// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface\n",
+"// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.\n",
+"// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because\n",
+"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this\n",
+"// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo\n",
+"// includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
-"    hit_shines = sbl_shines(m, m.reflectance);\n",
+"    hit_continues = sbl_is_strong(m, m.reflectance);\n",
 "    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
 "        vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;\n",
@@ -13847,14 +13851,14 @@ static const char *const sbl__glsl_reflect[] = {
 "        float sizes = length(across) * length(direction);\n",
 "        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;\n",
 "        vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));\n",
-"        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_SHINY, 1.0);\n",
+"        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_STRONG, 1.0);\n",
 "        chance = max(chance, chance_least);\n",
 "        if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;\n",
-"        hit_shines = sbl_random_of(hit, 1u) < chance;\n",
+"        hit_continues = sbl_random_of(hit, 1u) < chance;\n",
 "        m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? reflected : vec3(0));\n",
 "        m.opacity /= max(chance, SBL_DIVISOR_LEAST);\n",
 "    }\n",
-"    hit_shines = hit_shines && !last;\n",
+"    hit_continues = hit_continues && !last;\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.\n",
@@ -13937,7 +13941,7 @@ static const char *const sbl__glsl_reflect[] = {
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Lobe shine;\n",
-"    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
+"    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        ivec3 v = sbl_corners(hit.number);\n",
 "        vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);\n",
 "        vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
@@ -13964,7 +13968,7 @@ static const char *const sbl__glsl_reflect[] = {
 "    r.layer = l.layer;\n",
 "    r.light = sbl_reflected(material, s.light) * (unit / p.chance);\n",
 "#ifdef SBL_SPECULAR\n",
-"    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
+"    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;\n",
 "        r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);\n",
 "    }\n",
@@ -14008,14 +14012,14 @@ static const char *const sbl__glsl_trace[] = {
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "SBL_OUT_LAYERS(2, 3, 4, 5, 6, 7)\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(5, out_even);                 // control variate, for radiance 1 from everywhere: the exact harmonics minus\n",
-"                                      // those that these rays measure. reduce_sum.glsl adds it, times the mean\n",
-"                                      // radiance, to the measured harmonics\n",
+"SBL_OUT(5, out_control);  // control variate, for radiance 1 from everywhere: the exact harmonics minus those that\n",
+"                          // these rays measure. reduce_sum.glsl adds it, times the mean radiance, to the measured\n",
+"                          // harmonics\n",
 "#endif\n",
 "\n",
 "const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
-"// sbl_is_near gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a\n",
+"// sbl_is_short gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a\n",
 "// cell are near. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
@@ -14067,11 +14071,11 @@ static const char *const sbl__glsl_trace[] = {
 "#else\n",
 "    const float first_scale = SBL_FIRST_SCALE;\n",
 "#endif\n",
-"    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);\n",
+"    goes_on = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_face_ray(material, hit, arriving, last);\n",
-"    goes_on = goes_on || hit_shines;\n",
-"    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",
+"    goes_on = goes_on || hit_continues;\n",
+"    bool reads_store = !goes_on || hit_continues || bright_cells > 0;\n",
 "#else\n",
 "    bool reads_store = !goes_on || bright_cells > 0;\n",
 "#endif\n",
@@ -14081,8 +14085,8 @@ static const char *const sbl__glsl_trace[] = {
 "        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
 "#ifdef SBL_SPECULAR\n",
 "        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
-"        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
-"        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
+"        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
+"        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
 "        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
 "        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,\n",
@@ -14101,7 +14105,7 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. At near hits (see sbl_is_near and SBL_FIRST_SCALE), the mean light of the\n",
+"// Maximum number of segments of a ray. At near hits (see sbl_is_short and SBL_FIRST_SCALE), the mean light of the\n",
 "// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract\n",
 "// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced\n",
 "// light. The last segment reads the store at any distance.\n",
@@ -14415,7 +14419,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_write_layers(layers);\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_even, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));\n",
+"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14438,7 +14442,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
+"const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
 "                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
@@ -14503,7 +14507,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "    float sum = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);\n",
-"    most *= min(SBL_MIRRORED_SHARE * sum / max(brightest, SBL_DIVISOR_LEAST), 1.0);\n",
+"    most *= min(SBL_MIRRORED_FRACTION * sum / max(brightest, SBL_DIVISOR_LEAST), 1.0);\n",
 "    mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most : 0.0;\n",
 "}\n",
 "\n",
@@ -14603,8 +14607,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__READ_ROWS 16          /* maximum number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, while their cost is unknown */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the back_share of its first look exceeds this */
-#define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this * its offset */
+#define SBL__SUSPECT_FRACTION 0.02f   /* a site gets a stuck test if the back_share of its first look exceeds this */
+#define SBL__STUCK_FRACTION 0.75f     /* a sensor is stuck if its stuck test hits at less than this * its offset */
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
 #define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one ray towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
@@ -14664,7 +14668,7 @@ typedef struct sbl__job {
     sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is 1 */
     int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
-    int suspect_count, suspect_room;
+    int suspect_count, suspect_capacity;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
     int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 acts as 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
@@ -14693,7 +14697,7 @@ static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     j->looks = NULL;
     j->lobes = NULL;
     j->suspects = NULL;
-    j->suspect_room = 0;
+    j->suspect_capacity = 0;
     j->made_for_scene = 0;
 }
 
@@ -14851,8 +14855,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
-"uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics\n",
-"uniform bool even;             // true: add the correction from block_even\n",
+"uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics\n",
+"uniform bool even;             // true: add the correction from block_control\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -14891,7 +14895,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
-"            if (even) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
+"            if (even) missed += texelFetch(block_control, corner + ivec2(x, y), 0);\n",
 "        }\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
@@ -15141,7 +15145,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     const int count = j->blocks.target.count, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
     static const char *const block_names[6] = { "block_sums", "block_hits", "block_red", "block_green", "block_blue",
-                                                "block_even" };
+                                                "block_control" };
     static const char *const light_names[4] = { "lights", "lights_red", "lights_green", "lights_blue" };
     const sbl__spec *spec = &j->task.spec;
     const sbl_result result = sbl__use(d, &sbl__recipe_reduce_sum, sbl__features_of(j->scene, spec));
@@ -15250,10 +15254,10 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
 
    A sensor is stuck if its offset moved it through another surface into a body. A look's fraction of back faces does
    not prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls.
-   Therefore a site whose first look sees more back faces than SBL__SUSPECT_SHARE gets a stuck test, which looks from
+   Therefore a site whose first look sees more back faces than SBL__SUSPECT_FRACTION gets a stuck test, which looks from
    the sensor back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the
    walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
-   SBL__STUCK_SHARE of the offset, the reading is invalid. */
+   SBL__STUCK_FRACTION of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
@@ -15261,13 +15265,13 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOC
     const float offset = j->task.sites[site].offset;
     j->lost += hits[2] < 0;
     if (stuck_test) {
-        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
+        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_FRACTION * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
     if (!is_first || offset <= 0) return SBL_SUCCESS;
-    if (!asked && !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
-    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
+    if (!asked && !(j->task.readings[site].back_share > SBL__SUSPECT_FRACTION)) return SBL_SUCCESS;
+    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_capacity, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
     return SBL_SUCCESS;
@@ -15440,9 +15444,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    The stages, see SBL__BOUNCE_STAGES, and the rooms of their functions; braces mark what is repeated until nothing is
    new:
 
-       >>cells, >>contacts PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES -> { PLACE -> CAST_CONTACTS -> CUT -> CAST_POINTS }
+       >>cells, >>contacts PATCHES -> GRID -> SAMPLE -> CAST_SAMPLES ->
+                           { ASSIGN -> CAST_CONTACTS -> CUT -> CAST_POINTS }
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
-       >>division          SPREAD -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> PLACE; again from RELOCATE on
+       >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
        >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
@@ -15479,7 +15484,7 @@ typedef struct sbl__hit {
                           before that only if `current` is 1 */
     uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
-    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_place sets it for
+    uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_assign sets it for
                           any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
@@ -15508,7 +15513,7 @@ typedef struct sbl__leaf_found {
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
-enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
+enum { SBL__BRIGHT_AFAR = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
@@ -15516,7 +15521,7 @@ typedef struct sbl__bounce_leaf {
     int most;          /* maximum number of points, see >>division */
     int first;         /* index of the first point, which the others follow once points are sorted */
     int valid;         /* number of points with valid readings */
-    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but far rays read a bright leaf
+    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_AFAR: it is not, but far rays read a bright leaf
                           at its first point; otherwise 0 */
     float share;       /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
@@ -15530,7 +15535,7 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_GRID, sbl__cells_grid, NULL, NULL, NULL) \
     X(SBL__BOUNCE_SAMPLE, NULL, sbl__cells_sample, sbl__cells_triangles, NULL) \
     X(SBL__BOUNCE_CAST_SAMPLES, sbl__cells_cast_samples, NULL, NULL, NULL) \
-    X(SBL__BOUNCE_PLACE, NULL, sbl__cells_place, sbl__cells_queued, sbl__cells_after_place) \
+    X(SBL__BOUNCE_ASSIGN, NULL, sbl__cells_assign, sbl__cells_queued, sbl__cells_after_assign) \
     X(SBL__BOUNCE_CAST_CONTACTS, sbl__contacts_cast, NULL, NULL, NULL) \
     X(SBL__BOUNCE_CUT, NULL, sbl__contacts_cuts, sbl__contacts_uncut_leaves, sbl__contacts_after_cuts) \
     X(SBL__BOUNCE_CAST_POINTS, sbl__cells_cast_points, NULL, NULL, sbl__cells_after_cast_points) \
@@ -15541,7 +15546,7 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_LIGHT, sbl__solution_run_job, NULL, NULL, sbl__solution_after_light) \
     X(SBL__BOUNCE_DIRECT, sbl__solution_reads_make, sbl__solution_direct, sbl__solution_leaves, NULL) \
     X(SBL__BOUNCE_GATHER, NULL, sbl__solution_gather, sbl__solution_leaves, sbl__solution_after_gather) \
-    X(SBL__BOUNCE_SPREAD, sbl__division_spread_make, sbl__division_spread, sbl__solution_points, NULL) \
+    X(SBL__BOUNCE_MOMENTS, sbl__division_moments_make, sbl__division_moments, sbl__solution_points, NULL) \
     X(SBL__BOUNCE_REGIONS, NULL, sbl__division_regions, sbl__solution_leaves, NULL) \
     X(SBL__BOUNCE_SCORE, NULL, sbl__division_score, sbl__solution_leaves, sbl__division_after_score) \
     X(SBL__BOUNCE_DIVIDE, NULL, sbl__division_divide_leaf, sbl__solution_leaves, sbl__division_after_divide) \
@@ -15580,9 +15585,9 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     float *layers;                   /* with light groups: per point, for each group 3 floats, the part of `light`; then
                                         for each group 3 floats, the part of `shine` */
-    int layer_room;                  /* capacity of `layers`, in points */
+    int layer_capacity;                  /* capacity of `layers`, in points */
     sbl__bounce_leaf *states;        /* one state per leaf */
-    int point_count, point_room, state_room;
+    int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
     int glows;                       /* 1: a job measures the light of glows at all points, so that the points' rays
                                         skip bright leaves, and the light of bright leaves is fixed */
@@ -15614,7 +15619,7 @@ typedef struct sbl__bounce {
     int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
                                         when few leaves reflect light, since the light may be in a small room of a large
                                         scene */
-    int samples_placed;              /* 1: the surface samples have been queued as hits that may become points */
+    int samples_assigned;              /* 1: the surface samples have been queued as hits that may become points */
     int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
@@ -15694,9 +15699,9 @@ static const char *const sbl__glsl_cast[] = {
 "#endif\n",
 "#ifdef SBL_BOUNCED  // the scene has metal\n",
 "// rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal\n",
-"SBL_OUT(2, out_shine);\n",
+"SBL_OUT(2, out_metal_light);\n",
 "#ifdef SBL_GROUPS\n",
-"// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
+"// out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
 "// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
@@ -15739,12 +15744,12 @@ static const char *const sbl__glsl_cast[] = {
 "    hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
 "#ifdef SBL_BOUNCED\n",
 "    sbl_Material material;\n",
-"    hit_shines = false;\n",
+"    hit_continues = false;\n",
 "    if (limit < 0.0 && hit.triangle >= 0) {\n",
 "        material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
-"        hit_shines = sbl_shines(material, material.reflectance);\n",
+"        hit_continues = sbl_is_strong(material, material.reflectance);\n",
 "    }\n",
-"    return hit_shines;\n",
+"    return hit_continues;\n",
 "#else\n",
 "    return false;\n",
 "#endif\n",
@@ -15767,8 +15772,8 @@ static const char *const sbl__glsl_cast[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Writes the light that a ray has found after it hit metal.\n",
-"void sbl_cast_write_shine(int ray, vec4 shine) {\n",
-"    sbl_write_ray(out_shine, ray, shine);\n",
+"void sbl_cast_write_metal_light(int ray, vec4 shine) {\n",
+"    sbl_write_ray(out_metal_light, ray, shine);\n",
 "#ifdef SBL_GROUPS\n",
 "    sbl_write_ray(out_parts, ray, parts);\n",
 "#endif\n",
@@ -15778,8 +15783,8 @@ static const char *const sbl__glsl_cast[] = {
 "void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
-"    hit_shines = true;\n",
-"    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
+"    hit_continues = true;\n",
+"    sbl_cast_write_metal_light(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
 "    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that\n",
 "    // the sky's light is not added again.\n",
 "    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
@@ -15808,7 +15813,7 @@ static const char *const sbl__glsl_cast[] = {
 "            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "        } else {\n",
 "            sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
-"            sbl_cast_write_shine(ray, vec4(0));\n",
+"            sbl_cast_write_metal_light(ray, vec4(0));\n",
 "        }\n",
 "    }\n",
 "    memoryBarrierShared();\n",
@@ -15832,7 +15837,7 @@ static const char *const sbl__glsl_cast[] = {
 "    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "#ifdef SBL_BOUNCED\n",
 "    parts = vec4(0);\n",
-"    sbl_cast_write_shine(ray, vec4(0));\n",
+"    sbl_cast_write_metal_light(ray, vec4(0));\n",
 "    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);\n",
 "#endif\n",
 "}\n",
@@ -15937,7 +15942,7 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
 
 /* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. parts: out_parts of
    cast.glsl; NULL without light groups */
-static void sbl__cast_add_shine(sbl__bounce *b, int ray, const float light[3], const float *parts) {
+static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *parts) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
     for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
@@ -15978,7 +15983,7 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
         const float *of[4];
         for (k = 0; k < 4; k++) of[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
         sbl__cast_take(&rays[i], of[0], of[1], of[2], &hits->list[at + i]);
-        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_shine(b, at + i, of[2], of[3]);
+        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_metal_light(b, at + i, of[2], of[3]);
         lost += of[1][3] < 0;
     }
     sbl__free(d->base, rays);
@@ -16033,10 +16038,10 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 
 /* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side, and with
-   SBL__PATCH_NEAR if a near ray found the hit. */
+   SBL__PATCH_SHORT if a short ray found the hit. */
 static uint32_t sbl__hit_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->side >> 1] ^ (at->side & 1 ? SBL__PATCH_BACK : 0);
-    return patch | (sbl__is_near(s, at->distance) ? SBL__PATCH_NEAR : 0);
+    return patch | (sbl__is_short(s, at->distance) ? SBL__PATCH_SHORT : 0);
 }
 
 /* Returns the patch word of a hit with the level of the first cell that it may belong to. */
@@ -16124,7 +16129,7 @@ static sbl_result sbl__cells_grid(void *work, sbl__slice *slice) {
     while (room < 2 * s->max_leaves) room *= 2;
     sbl__free(base, s->cells);
     s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
-    s->cell_room = s->cells ? room : 0;
+    s->cell_capacity = s->cells ? room : 0;
     s->leaf_count = s->cut_count = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -16190,7 +16195,7 @@ static int sbl__cells_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     const size_t row = 6 * sizeof(float) * (size_t)b->core->scene.light_groups;
     double normal[3], plane_distance = 0;
     int k;
-    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points)) return 0;
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_capacity, b->point_count + 1, sizeof *b->points)) return 0;
     point = &b->points[b->point_count++];
     point->at = *at;
     point->leaf = leaf;
@@ -16198,7 +16203,7 @@ static int sbl__cells_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     point->measured = point->valid = 0;
     memset(point->shine, 0, sizeof point->shine);
     if (row) {
-        if (!sbl__grow(&b->core->base, &b->layers, &b->layer_room, b->point_count, row)) return 0;
+        if (!sbl__grow(&b->core->base, &b->layers, &b->layer_capacity, b->point_count, row)) return 0;
         memset(sbl__point_layers(b, b->point_count - 1, 0), 0, row);
     }
     sbl__scene_normal(b->geometry, at->side >> 1, normal);
@@ -16212,8 +16217,8 @@ static int sbl__cells_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__base *base = &b->core->base;
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
-        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_capacity, leaf + 1, sizeof *s->leaves) ||
+        !sbl__grow(base, &b->states, &b->state_capacity, leaf + 1, sizeof *b->states)) return 0;
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
@@ -16222,7 +16227,7 @@ static int sbl__cells_add_leaf(sbl__bounce *b, uint32_t *reference) {
     return 1;
 }
 
-/* Returns the number of queued hits, or 0 if needed_growth is set, which ends the stage PLACE. */
+/* Returns the number of queued hits, or 0 if needed_growth is set, which ends the stage ASSIGN. */
 static int sbl__cells_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->needed_growth > 0 ? 0 : b->queue.count;
@@ -16261,7 +16266,7 @@ static void sbl__cells_prefetch(sbl__bounce *b, int number) {
             const uint32_t word = sbl__hit_word(s, &hits[next]);
             uint32_t cube[3], *bucket = &b->ahead[next % SBL__BOUNCE_AHEAD];
             sbl__cell_at(s, word, hits[next].position, cube);
-            *bucket = sbl__cell_hash(word, cube) & (uint32_t)(s->cell_room - 1);
+            *bucket = sbl__cell_hash(word, cube) & (uint32_t)(s->cell_capacity - 1);
             SBL__PREFETCH(&s->cells[*bucket]);
         }
     }
@@ -16276,7 +16281,7 @@ static void sbl__cells_prefetch(sbl__bounce *b, int number) {
    have yet to cut it, the hit waits. Does nothing if the hit is on a black surface and black surfaces have as many
    leaves as they may have. If no room is left for a new leaf, sets needed_growth or, if cells cannot grow, drops the
    hit. */
-static sbl_result sbl__cells_place(void *work, int number) {
+static sbl_result sbl__cells_assign(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
@@ -16310,10 +16315,10 @@ static sbl_result sbl__cells_place(void *work, int number) {
 static int sbl__cells_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
-    return SBL__BOUNCE_PLACE;
+    return SBL__BOUNCE_ASSIGN;
 }
 
-/* Queues all hits again; sbl__cells_place skips those that are settled. Returns the stage PLACE. */
+/* Queues all hits again; sbl__cells_assign skips those that are settled. Returns the stage ASSIGN. */
 static int sbl__cells_queue_again(sbl__bounce *b) {
     b->rechecking = 1;
     return sbl__cells_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
@@ -16327,7 +16332,7 @@ static int sbl__cells_restart(sbl__bounce *b, double growth) {
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
     b->samples_due = b->needed_growth = 0;
     b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
-    b->recheck = b->rechecking = b->samples_placed = b->black_leaves = 0;
+    b->recheck = b->rechecking = b->samples_assigned = b->black_leaves = 0;
     memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
@@ -16348,7 +16353,7 @@ static double sbl__cells_shrink(sbl__bounce *b, double fill) {
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
         seen += distance < SBL__UNSEEN;
-        nearby += sbl__is_near(b->store, distance);
+        nearby += sbl__is_short(b->store, distance);
     }
     if (b->seen_leaves == 0 || least >= 1 || hits < SBL__BOUNCE_COVERED * b->seen_leaves) return 1;
     if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
@@ -16382,10 +16387,10 @@ static void sbl__cells_forget_cuts(sbl__bounce *b) {
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].cut = 0;
 }
 
-/* Returns the stage after PLACE. GRID: cells must grow. CAST_CONTACTS, CAST_POINTS: leaves or points are new. PLACE:
-   hits must be placed again, or the surface samples come next. In the end, the stage that sbl__cells_after_attempt
+/* Returns the stage after ASSIGN. GRID: cells must grow. CAST_CONTACTS, CAST_POINTS: leaves or points are new. ASSIGN:
+   hits must be assigned again, or the surface samples come next. In the end, the stage that sbl__cells_after_attempt
    returns or, after a division, RELOCATE. */
-static int sbl__cells_after_place(void *work) {
+static int sbl__cells_after_assign(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
@@ -16402,8 +16407,8 @@ static int sbl__cells_after_place(void *work) {
         return sbl__cells_queue_again(b);
     }
     if (b->divisions) return SBL__BOUNCE_RELOCATE;
-    if (b->samples_placed) return sbl__cells_after_attempt(b, fill);
-    b->samples_placed = 1;
+    if (b->samples_assigned) return sbl__cells_after_attempt(b, fill);
+    b->samples_assigned = 1;
     b->seen_leaves = b->store->leaf_count;
     return sbl__cells_queue(b, b->samples.list, b->samples.count);
 }
@@ -16541,7 +16546,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
-    const uint32_t patch = sbl__hit_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->side >> 1];
+    const uint32_t patch = sbl__hit_patch(s, at) & ~SBL__PATCH_SHORT, other = s->patches[hit->side >> 1];
     const double length = (double)s->length;
     const int flat = (other & SBL__PATCH_FLAT) != 0;
     const sbl__box *own;
@@ -16588,7 +16593,7 @@ static sbl_result sbl__contacts_store_cut(sbl__bounce *b, uint32_t *reference, c
 /* Cuts the part of a cell that a reference leads to, with or without a leaf. If the reference leads to a cut, cuts the
    parts on the sides of the cut that the line crosses. Does not cut below SBL__CELL_DEPTH cuts, or twice along a line.
    depth: number of cuts above the reference. range: where the line enters and leaves the part, 0 to 1 */
-static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
+static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
@@ -16615,7 +16620,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
         double part[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__contact_part(b, line, &s->cuts[cut].sides[side], part, depth + 1);
+        result = sbl__contact_cut_below(b, line, &s->cuts[cut].sides[side], part, depth + 1);
     }
     return result;
 }
@@ -16640,7 +16645,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
         range[1] = SBL__MIN(next[axis], 1.0);
         sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
         reference = sbl__store_bucket(s, line->patch, middle);
-        if (reference) result = sbl__contact_part(b, line, reference, range, 0);
+        if (reference) result = sbl__contact_cut_below(b, line, reference, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
@@ -16656,7 +16661,7 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     if (*recent == hash) return SBL_SUCCESS;
     *recent = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
-        line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
+        line->patch = patch | (i & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
         result = sbl__contact_walk(b, line);
     }
     return result;
@@ -16732,7 +16737,7 @@ static int sbl__contacts_after_cuts(void *work) {
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
 #define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
                                       is multiplied by one factor per channel, which speeds up convergence */
-#define SBL__BOUNCE_ROUNDS 200     /* maximum number of rounds of the iteration that computes all bounces */
+#define SBL__BOUNCE_ITERATIONS 200     /* maximum number of iterations that compute all bounces */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
                                       this fraction of all light, or less */
 
@@ -16977,7 +16982,7 @@ static void sbl__solution_sky(const sbl__bounce *b, int point, float out[3]) {
 
 /* Returns the approximate fraction of its cell that a leaf covers: each division halves it. Returns 1 for a leaf
    without points. */
-static float sbl__solution_share(const sbl__bounce *b, int leaf) {
+static float sbl__solution_fraction(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
     uint32_t patch, reference;
@@ -17037,7 +17042,7 @@ static sbl_result sbl__solution_direct(void *work, int at) {
     float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
-    state->share = sbl__solution_share(b, at);
+    state->share = sbl__solution_fraction(b, at);
     sbl__solution_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
@@ -17148,10 +17153,10 @@ static int sbl__solution_after_gather(void *work) {
     b->change = b->balance.change;
     b->rounds++;
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
-    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ITERATIONS)
         return SBL__BOUNCE_GATHER;
     if (!b->glows) sbl__solution_warn(b, all_direct, sum);
-    if (!b->glows && b->divisions < SBL__DIVISIONS) return SBL__BOUNCE_SPREAD;
+    if (!b->glows && b->divisions < SBL__DIVISIONS) return SBL__BOUNCE_MOMENTS;
     return sbl__solution_next(b, 1);
 }
 
@@ -17273,7 +17278,7 @@ static int sbl__solution_grouped_leaves(void *work) {
    rest. */
 
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__DIVIDE_SHARE 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
+#define SBL__DIVIDE_FRACTION 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
 #define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
 #define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
 #define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
@@ -17286,20 +17291,20 @@ static int sbl__solution_grouped_leaves(void *work) {
 #define SBL__SCORE_STEPS 4         /* while a score doubles, its class rises by this number */
 
 /* Sums over the rays that hit a leaf. Each ray is weighted by the sbl__point_weight of its point. */
-typedef struct sbl__spread {
+typedef struct sbl__leaf_moments {
     double hits;        /* number of rays */
     double weight;      /* sum of the squares of the luminance of the albedo at the hit */
     double offsets[3];  /* per axis, sum of the positions relative to the leaf's first point */
     double squares[3];  /* per axis, sum of the squares of these positions */
     double score;       /* weight * (variance of the light in the leaf's region) / (mean square of all light) */
-} sbl__spread;
+} sbl__leaf_moments;
 
 /* Sums over the points of a region. Each point has the weight sbl__point_weight. points: number of points; light: sum
    of the luminance of R; squares: sum of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 typedef struct sbl__division {
-    sbl__spread *spreads;            /* one per leaf */
+    sbl__leaf_moments *moments;            /* one per leaf */
     sbl__region *regions;            /* one element per bucket of the hash grid; regions that share a bucket count as
                                         one */
     sbl__region all;                 /* sums over the points of all regions */
@@ -17310,27 +17315,27 @@ typedef struct sbl__division {
                                         nothing */
 } sbl__division;
 
-static sbl_result sbl__division_spread_make(void *work, sbl__slice *slice) {
+static sbl_result sbl__division_moments_make(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     (void)slice;
     if (d) return SBL_SUCCESS;
     b->division = d = (sbl__division *)sbl__alloc(&b->core->base, 1, sizeof *d);
     if (!d) return SBL_ERROR_OUT_OF_MEMORY;
-    d->spreads = (sbl__spread *)sbl__alloc(&b->core->base, (size_t)b->store->leaf_count, sizeof *d->spreads);
-    d->regions = (sbl__region *)sbl__alloc(&b->core->base, (size_t)b->store->cell_room, sizeof *d->regions);
-    return d->spreads && d->regions ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    d->moments = (sbl__leaf_moments *)sbl__alloc(&b->core->base, (size_t)b->store->leaf_count, sizeof *d->moments);
+    d->regions = (sbl__region *)sbl__alloc(&b->core->base, (size_t)b->store->cell_capacity, sizeof *d->regions);
+    return d->moments && d->regions ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static void sbl__division_free(sbl__base *base, sbl__bounce *b) {
-    if (b->division) sbl__free(base, b->division->spreads);
+    if (b->division) sbl__free(base, b->division->moments);
     if (b->division) sbl__free(base, b->division->regions);
     sbl__free(base, b->division);
     b->division = NULL;
 }
 
-/* Adds the hits of a valid point's rays to the spreads of the leaves that they hit. */
-static sbl_result sbl__division_spread(void *work, int at) {
+/* Adds the hits of a valid point's rays to the moments of the leaves that they hit. */
+static sbl_result sbl__division_moments(void *work, int at) {
     static const float one[3] = { 1, 1, 1 };
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -17338,10 +17343,10 @@ static sbl_result sbl__division_spread(void *work, int at) {
     int j, k;
     for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
         float reflected[3] = { 0, 0, 0 };
-        sbl__spread *to;
+        sbl__leaf_moments *to;
         double share;
         if (hits[j].leaf == SBL__NOWHERE) continue;
-        to = &b->division->spreads[hits[j].leaf];
+        to = &b->division->moments[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
         share = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
         to->hits += w;
@@ -17358,11 +17363,11 @@ static sbl_result sbl__division_spread(void *work, int at) {
 /* Returns the region of a leaf: the region that contains its first point. */
 static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
     const sbl__hit *hit = &b->points[b->states[leaf].first].at;
-    const uint32_t side = sbl__hit_patch(b->store, hit) & ~SBL__PATCH_NEAR;
+    const uint32_t side = sbl__hit_patch(b->store, hit) & ~SBL__PATCH_SHORT;
     const uint32_t patch = side + SBL__DIVIDE_REGION * SBL__PATCH_LEVEL;
     uint32_t at[3];
     sbl__cell_at(b->store, patch, hit->position, at);
-    return &b->division->regions[sbl__cell_hash(patch, at) & (uint32_t)(b->store->cell_room - 1)];
+    return &b->division->regions[sbl__cell_hash(patch, at) & (uint32_t)(b->store->cell_capacity - 1)];
 }
 
 static void sbl__region_add(sbl__region *r, double light, double weight) {
@@ -17398,18 +17403,18 @@ static int sbl__score_class(double score) {
 static sbl_result sbl__division_score(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__division *d = b->division;
-    sbl__spread *spread = &d->spreads[at];
+    sbl__leaf_moments *moments = &d->moments[at];
     const sbl__region *region;
     double mean, variance;
-    if (!b->states[at].valid || !(spread->hits > 0)) return SBL_SUCCESS;
+    if (!b->states[at].valid || !(moments->hits > 0)) return SBL_SUCCESS;
     region = sbl__region_of(b, at);
     mean = region->light / region->points;
     variance = SBL__MAX(region->squares / region->points - mean * mean, 0.0);
-    d->variance += spread->hits * spread->weight * variance / b->states[at].valid;
-    d->light += sqrt(spread->hits * spread->weight) * (double)sbl__luminance(b->store->leaves[at].light);
-    if (spread->hits < SBL__DIVIDE_HITS || !(variance > 0)) return SBL_SUCCESS;
-    spread->score = spread->weight * variance * d->all.points / d->all.squares;
-    d->classes[sbl__score_class(spread->score)]++;
+    d->variance += moments->hits * moments->weight * variance / b->states[at].valid;
+    d->light += sqrt(moments->hits * moments->weight) * (double)sbl__luminance(b->store->leaves[at].light);
+    if (moments->hits < SBL__DIVIDE_HITS || !(variance > 0)) return SBL_SUCCESS;
+    moments->score = moments->weight * variance * d->all.points / d->all.squares;
+    d->classes[sbl__score_class(moments->score)]++;
     return SBL_SUCCESS;
 }
 
@@ -17418,7 +17423,7 @@ static int sbl__division_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     const double leaves = b->store->leaf_count;
-    double room = SBL__MIN(SBL__DIVIDE_SHARE * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
+    double room = SBL__MIN(SBL__DIVIDE_FRACTION * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
     b->divisions++;
     d->exact = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
     for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
@@ -17428,8 +17433,8 @@ static int sbl__division_after_score(void *work) {
 
 /* Returns how many points a leaf should have, 0 to SBL__BOUNCE_POINTS_MOST. The number that most reduces the noise of
    the mean light that all rays read is proportional to the light's standard deviation and to its weight in the mean. */
-static int sbl__points_due(const sbl__spread *spread) {
-    const double points = SBL__DIVIDE_POINTS * sqrt(spread->hits * spread->score);
+static int sbl__points_due(const sbl__leaf_moments *moments) {
+    const double points = SBL__DIVIDE_POINTS * sqrt(moments->hits * moments->score);
     return (int)SBL__MIN(points, SBL__BOUNCE_POINTS_MOST);
 }
 
@@ -17439,19 +17444,20 @@ static sbl_result sbl__division_divide_leaf(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
     sbl__bounce_leaf *state = &b->states[at];
-    const sbl__spread *spread = &b->division->spreads[at];
+    const sbl__leaf_moments *moments = &b->division->moments[at];
     const sbl__hit *first = &b->points[state->first].at;
     float normal[3] = { 0, 0, 0 }, distance;
     double widest = 0, middle = 0;
     uint32_t *reference, patch;
     sbl_result result;
     int k, axis = -1, depth;
-    if (b->division->exact || !(spread->score > 0)) return SBL_SUCCESS;
-    state->most = SBL__MAX(state->most, sbl__points_due(spread));
+    if (b->division->exact || !(moments->score > 0)) return SBL_SUCCESS;
+    state->most = SBL__MAX(state->most, sbl__points_due(moments));
     b->changed += state->points < state->most && state->most > SBL__BOUNCE_POINTS;
-    if (sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
+    if (sbl__score_class(moments->score) < b->division->least) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) {
-        const double mean = spread->offsets[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
+        const double mean = moments->offsets[k] / moments->hits;
+        const double width = moments->squares[k] / moments->hits - mean * mean;
         if (!(width > widest)) continue;
         widest = width;
         middle = mean;
@@ -17476,7 +17482,7 @@ static int sbl__division_after_divide(void *work) {
     return b->changed ? SBL__BOUNCE_RELOCATE : sbl__solution_next(b, 1);
 }
 
-/* Returns the stage LINK or, if leaves have been divided or need points, queues all hits and returns PLACE. */
+/* Returns the stage LINK or, if leaves have been divided or need points, queues all hits and returns ASSIGN. */
 static int sbl__division_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
@@ -17610,7 +17616,7 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
 static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
-    return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
+    return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_SHORT, at->position) - 1;
 }
 
 /* Marks a leaf as bright: makes the red of its light negative, and adds its cell to the store's list. */
@@ -17645,7 +17651,7 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
         list[count].hits = hits;
         list[count++].leaf = i;
     }
-    views = (sbl__bright_view *)sbl__alloc(&b->core->base, (size_t)s->cell_room, sizeof *views);
+    views = (sbl__bright_view *)sbl__alloc(&b->core->base, (size_t)s->cell_capacity, sizeof *views);
     if (!views) {
         sbl__free(&b->core->base, list);
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -17658,7 +17664,7 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
     for (i = 0; i < s->leaf_count && s->bright; i++) {
         const int afar = b->states[i].bright ? -1 : sbl__bright_from_afar(b, i);
-        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_NEAR;
+        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_AFAR;
     }
     sbl__free(&b->core->base, list);
     if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
@@ -17697,7 +17703,7 @@ static int sbl__bright_after_glow(void *work) {
    point. While this room works, leaves hold noise in place of their light. At the end, it restores their light and adds
    their uncertainty. */
 
-#define SBL__UNCERTAINTY_ROUNDS 6  /* number of rounds that propagate the noise of leaves, see
+#define SBL__UNCERTAINTY_ITERATIONS 6  /* number of rounds that propagate the noise of leaves, see
                                       sbl__uncertainty_after_noise */
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
@@ -17747,7 +17753,7 @@ static int sbl__uncertainty_after_noise(void *work) {
 
 static int sbl__uncertainty_after_propagate(void *work) {
     const int round = ++((sbl__bounce *)work)->rounds;
-    return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
+    return round < SBL__UNCERTAINTY_ITERATIONS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* A cell has one light for all its parts, but a point close to it sees some parts more than others. Returns the squared
@@ -17761,7 +17767,7 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
     float other[3], reflected[3] = { 0, 0, 0 };
     double cosines[2] = { 0, 0 }, across, light, share;
     int k;
-    if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
+    if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_short(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__ALBEDO_ONE;
@@ -18068,7 +18074,7 @@ static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triang
            sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
            sbl__saved_transfer(stream, s->air, sizeof s->air) &&
            sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
-           sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_transfer(stream, s->cells, (size_t)s->cell_capacity * sizeof *s->cells) &&
            sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
            sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves) &&
            sbl__saved_transfer(stream, s->bright, (size_t)s->bright_count * sizeof *s->bright) &&
@@ -18085,7 +18091,7 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     sbl__saved_scene(s, header.parts);
     header.made_for = s->store.made_for;
     header.triangles = s->geometry.triangle_count;
-    header.cells = s->store.cell_room;
+    header.cells = s->store.cell_capacity;
     header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
     header.bright = s->store.bright_count;
@@ -18167,7 +18173,7 @@ static int sbl__saved_valid(const sbl__store *s, int groups) {
     int i, k;
     if (!sbl__all_finite(s->origin, 3) || !sbl__between(&s->length, FLT_MIN, FLT_MAX) ||
         !sbl__all_finite(&s->air[0][0], 18)) return 0;
-    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
+    for (i = 0; i < s->cell_capacity; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
     for (i = 0; i < s->cut_count; i++) {
         const sbl__cut *cut = &s->cuts[i];
         if (!sbl__saved_leads(s, cut->sides[0], i) || !sbl__saved_leads(s, cut->sides[1], i)) return 0;
@@ -18229,9 +18235,9 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
         if (!s->patches || !s->cells || !s->cuts || !s->leaves || !s->bright || (stream.groups && !s->layers))
             return SBL_ERROR_OUT_OF_MEMORY;
         s->made_for = header.made_for;
-        s->cell_room = header.cells;
-        s->cut_count = s->cut_room = header.cuts;
-        s->leaf_count = s->leaf_room = header.leaves;
+        s->cell_capacity = header.cells;
+        s->cut_count = s->cut_capacity = header.cuts;
+        s->leaf_count = s->leaf_capacity = header.leaves;
         s->bright_count = header.bright;
         why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : sbl__saved_short;
         if (!why && !sbl__saved_valid(s, stream.groups)) why = sbl__saved_damaged;
@@ -18251,7 +18257,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
-    if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
+    if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_capacity / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
         sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE,
                           "the stored light is larger than this driver's buffer textures");
@@ -18447,7 +18453,7 @@ typedef struct sbl__refine {
     float *layers;            /* light of layers 1 and up (harmonics or light groups), pixel after pixel; layer 0 is
                                  sbl__sensor.radiance */
     sbl__tile *tiles;
-    int tile_count, tile_room;
+    int tile_count, tile_capacity;
 
     /* the current round, see >>tiles and >>rounds */
     int first_new;            /* index of the first tile that has not been weighed yet */
@@ -18459,7 +18465,7 @@ typedef struct sbl__refine {
     sbl__site *sites;         /* sites of the job */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
-    int site_count, site_room, reading_room, reading_layer_room, look_count;
+    int site_count, site_capacity, reading_capacity, reading_layer_capacity, look_count;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is 1 */
     int64_t looks_taken;
     int bought;               /* number of tiles split and of sensors given more looks in this round */
@@ -18468,10 +18474,10 @@ typedef struct sbl__refine {
     double lit, lit_light, lit_backs;  /* over sensors that were tested for occlusion and are not dark, see
                                  SBL__HIDDEN_DARK: their number; sums of luminance and of sbl_reading.back_share */
     int *searched;            /* indices of the texels that this round searches for places */
-    int searched_count, searched_room;
+    int searched_count, searched_capacity;
     sbl__site *places;        /* the places of all texels that have some: positions from which a texel's sensor looks
                                  instead of from its hidden centre, see >>places */
-    int place_count, place_room;
+    int place_count, place_capacity;
 
     /* means, see >>weigh */
     float mean[3], luminance; /* mean over the picture, and its luminance: of R or, in a refinement of lobes, of FINAL
@@ -18488,7 +18494,7 @@ typedef struct sbl__refine {
     double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
 
     /* the noise of looks, see >>weigh */
-    float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
+    float variance_ratios[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
                                           (mean luminance of the earlier looks - mean luminance of the new looks)^2 */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
@@ -18622,7 +18628,7 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__sensor *s, int before,
     r->compared[k]++;
 }
 
-/* Computes r->variance_shares: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
+/* Computes r->variance_ratios: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
    differences, because the advantage of a Sobol sequence over independent points depends on the scene. A share [k] with
    too few differences is corrected by the factor of share [k - 1]. With a price, no share is corrected, because each
    window would correct it by another factor, and its noise would then differ from that of adjacent windows. */
@@ -18633,17 +18639,17 @@ static void sbl__looks_calibrate(sbl__refine *r) {
         if (!(r->price > 0) && r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
             times = SBL__MAX(SBL__MIN(r->measured2[k] / r->expected2[k], SBL__LOOKS_CORRECTION_MAX),
                              SBL__LOOKS_CORRECTION_MIN);
-        r->variance_shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
+        r->variance_ratios[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
     }
 }
 
 /* Returns the variance of a mean of `looks` looks as a fraction of the variance of one look. */
-static float sbl__variance_share(const sbl__refine *r, int looks) { return r->variance_shares[sbl__doublings(looks)]; }
+static float sbl__variance_ratio(const sbl__refine *r, int looks) { return r->variance_ratios[sbl__doublings(looks)]; }
 
 /* Returns the variance of a sensor's mean luminance. */
 static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
     const sbl__sensor *s = sbl__sensor_of(r, p);
-    return s->variance * (double)sbl__variance_share(r, s->looks);
+    return s->variance * (double)sbl__variance_ratio(r, s->looks);
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
@@ -18779,13 +18785,13 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Computes the distance of pixel (x, y) from a tile's left and upper edge, as fractions of its width and height. */
-static void sbl__tile_shares(const sbl__tile *c, int x, int y, float share[2]) {
+static void sbl__tile_position(const sbl__tile *c, int x, int y, float share[2]) {
     const sbl__range *a = &c->area;
     share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
     share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner at a position in the tile. share: see sbl__tile_shares */
+/* Returns the bilinear weight of a tile's corner at a position in the tile. share: see sbl__tile_position */
 static float sbl__tile_weight(const float share[2], int corner) {
     return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
 }
@@ -18796,7 +18802,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_shares(c, x, y, m->share);
+    sbl__tile_position(c, x, y, m->share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = sbl__tile_weight(m->share, corner), belongs;
@@ -19010,7 +19016,7 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
    sensors, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__tiles_add(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
-    if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
+    if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_capacity, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
     c = &r->tiles[r->tile_count++];
     memset(c, 0, sizeof *c);
@@ -19085,7 +19091,7 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
     const float own = r->lobes[pixel - r->pixels].light;
     float light = 0, weights = 0, share[2];
     int corner;
-    sbl__tile_shares(c, x, y, share);
+    sbl__tile_position(c, x, y, share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         const float at = r->lobes[p - r->pixels].light;
@@ -19235,12 +19241,12 @@ static void sbl__tiles_site(const sbl__refine *r, int index, int first, int look
 static int sbl__tiles_first_looks(const sbl__sensor *s, int looks) { return SBL__MAX(looks, (int)s->place_count); }
 
 /* Makes room for `more` additional sites and their readings. Returns 0 if memory is exhausted. */
-static int sbl__tiles_room(sbl__refine *r, int more) {
+static int sbl__tiles_reserve(sbl__refine *r, int more) {
     const int count = r->site_count + more;
     sbl__base *base = &r->core->base;
-    return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
-           sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
-           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->layer_floats * sizeof(float));
+    return sbl__grow(base, &r->sites, &r->site_capacity, count, sizeof *r->sites) &&
+           sbl__grow(base, &r->readings, &r->reading_capacity, count, sizeof *r->readings) &&
+           sbl__grow(base, &r->reading_layers, &r->reading_layer_capacity, count, r->layer_floats * sizeof(float));
 }
 
 /* Frees the sites and their readings. */
@@ -19251,7 +19257,7 @@ static void sbl__tiles_free_sites(sbl__refine *r) {
     r->sites = NULL;
     r->readings = NULL;
     r->reading_layers = NULL;
-    r->site_room = r->reading_room = r->reading_layer_room = 0;
+    r->site_capacity = r->reading_capacity = r->reading_layer_capacity = 0;
 }
 
 /* Makes the site for looks from look i on. It is at the pixel's position or, for a texel with places, at the next of
@@ -19271,7 +19277,7 @@ static sbl_result sbl__tiles_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     const sbl__sensor *s = sbl__sensor_of(r, p);
     const int index = (int)(p - r->pixels), looks = s->wanted - s->looks, at_once = s->places ? 1 : looks;
     int i;
-    if (!sbl__tiles_room(r, s->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__tiles_reserve(r, s->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = s->looks; i < s->wanted; i += at_once)
         sbl__tiles_look_site(r, index, i, at_once, &r->sites[r->site_count++]);
     r->look_count += looks;
@@ -19311,16 +19317,16 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
    looks from some of the open positions, its places, and the texel gets about the median of their light
    (sbl__places_mean). */
 
-/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_SHARE of its hemisphere at a mean distance below
-   SBL__HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__places_occlusion). A texel that is not hidden
-   is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance is below
-   SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into solids. A
-   sensor sees nothing but back faces if their fraction of its hemisphere exceeds SBL__HIDDEN_ALL. A sensor is behind a
-   surface, for example under the floor that a chair's foot pierces, if back faces are more than SBL__HIDDEN_BACK of the
-   surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the nearest is closer than
-   distance_limit. */
-#define SBL__HIDDEN_SHARE 0.9f
-#define SBL__HIDDEN_NEAR 0.45f
+/* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_FRACTION of its hemisphere at a mean distance
+   below SBL__HIDDEN_CLOSE * distance_limit, or if it is inside a solid (see sbl__places_occlusion). A texel that is not
+   hidden is touched if a surface is closer than SBL__HIDDEN_TOUCH * distance_limit. A sensor is dark if its luminance
+   is below SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into
+   solids. A sensor sees nothing but back faces if their fraction of its hemisphere exceeds SBL__HIDDEN_ALL. A sensor is
+   behind a surface, for example under the floor that a chair's foot pierces, if back faces are more than
+   SBL__HIDDEN_BACK of the surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the
+   nearest is closer than distance_limit. */
+#define SBL__HIDDEN_FRACTION 0.9f
+#define SBL__HIDDEN_CLOSE 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_DARK 0.001
 #define SBL__HIDDEN_ALL 0.98f
@@ -19365,7 +19371,7 @@ static int sbl__places_occlusion(sbl__refine *r, const sbl_reading *reading) {
         r->lit_backs += (double)reading->back_share;
     }
     if (sbl__places_is_inside(r, reading) || sbl__places_is_behind(r, reading)) return SBL__HIDDEN;
-    if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
+    if (reading->hit_share > SBL__HIDDEN_FRACTION && reading->hit_mean < SBL__HIDDEN_CLOSE * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
@@ -19396,7 +19402,7 @@ static sbl_result sbl__places_refuse(sbl__refine *r, const sbl__pixel *p) {
         sbl__places_hide(r, p);
         return SBL_SUCCESS;
     }
-    if (!sbl__grow(&r->core->base, &r->searched, &r->searched_room, r->searched_count + 1, sizeof *r->searched))
+    if (!sbl__grow(&r->core->base, &r->searched, &r->searched_capacity, r->searched_count + 1, sizeof *r->searched))
         return SBL_ERROR_OUT_OF_MEMORY;
     r->searched[r->searched_count++] = (int)(p - r->pixels);
     return SBL_SUCCESS;
@@ -19431,7 +19437,7 @@ static int sbl__places_of(sbl__refine *r, int index) {
     int i, count = 0;
     sbl__atlas_square_make(r->atlas, index, &square);
     for (i = 0; i < SBL__PLACE_TRIES && count < SBL__PLACE_RAYS; i++) {
-        const uint32_t triangle = sbl__atlas_place(&square, i, weights);
+        const uint32_t triangle = sbl__atlas_locate(&square, i, weights);
         sbl__site *site = &r->sites[r->site_count];
         sbl_site at;
         if (triangle == SBL__NONE) continue;
@@ -19450,7 +19456,7 @@ static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     for (; r->listed < r->searched_count && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__tiles_room(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
+        if (!sbl__tiles_reserve(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
         if (!sbl__places_of(r, r->searched[r->listed])) sbl__places_hide(r, &r->pixels[r->searched[r->listed]]);
     }
     return SBL_SUCCESS;
@@ -19477,7 +19483,7 @@ static sbl_result sbl__places_take(void *work, int at) {
         sbl__places_hide(r, &r->pixels[pixel]);
         return SBL_SUCCESS;
     }
-    if (!sbl__grow(&r->core->base, &r->places, &r->place_room, r->place_count + count, sizeof *r->places))
+    if (!sbl__grow(&r->core->base, &r->places, &r->place_capacity, r->place_count + count, sizeof *r->places))
         return SBL_ERROR_OUT_OF_MEMORY;
     s->places = 1 + r->place_count;
     s->place_count = (unsigned char)count;
@@ -19611,14 +19617,14 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     const sbl__pixel *p;
     int i;
     if (!g->found && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    if (!sbl__tiles_room(r, SBL__MIN(g->columns * g->rows * g->scouts, SBL__SCOUTS_AT_ONCE) - r->site_count))
+    if (!sbl__tiles_reserve(r, SBL__MIN(g->columns * g->rows * g->scouts, SBL__SCOUTS_AT_ONCE) - r->site_count))
         return SBL_ERROR_OUT_OF_MEMORY;
     for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         p = sbl__guide_pixel(r, column, row);
         if (!p || !sbl__scouts_serve(r, (int)(p - r->pixels))) continue;
-        if (!sbl__tiles_room(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
+        if (!sbl__tiles_reserve(r, g->scouts)) return SBL_ERROR_OUT_OF_MEMORY;
         for (i = 0; i < g->scouts; i++)
             sbl__tiles_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
     }
@@ -19697,7 +19703,7 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
 /* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
    around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light
    below the mean R adds little to the noise. To save time, all guides get it in the scout's direction. */
-static void sbl__scout_spread(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
+static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
     const float light = found->valid ? sbl__luminance(found->radiance) : 0;
@@ -19733,7 +19739,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
-        if (g->parallax_aware) sbl__scout_spread(r, column, row, u, &r->readings[*at]);
+        if (g->parallax_aware) sbl__scout_splat(r, column, row, u, &r->readings[*at]);
         else sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
@@ -19799,7 +19805,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
                                            also sbl__tile_parent_weight */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
-#define SBL__GOAL_SHARE 0.6             /* a round does not aim below this * the present squared error, since new
+#define SBL__GOAL_FRACTION 0.6             /* a round does not aim below this * the present squared error, since new
                                            readings may change what is worth buying */
 #define SBL__GOAL_REST 1.1              /* a round does not aim below this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
@@ -19921,7 +19927,7 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p)) continue;
         sum += s->variance;
-        share += sbl__variance_share(r, s->looks);
+        share += sbl__variance_ratio(r, s->looks);
         for (k = 0; k < 3; k++) light[k] += s->radiance[k];
         count++;
     }
@@ -20011,7 +20017,7 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
     int bin;
     if (r->price > 0) return (float)ldexp((double)r->price, SBL__MAX(SBL__PRICE_ROUNDS + 1 - r->rounds, 0));
     for (bin = 1; bin < SBL__GAIN_BINS; bin++) rest -= r->gains[bin];
-    goal = SBL__MAX(SBL__GOAL_SHARE * left, SBL__MAX(SBL__GOAL_BELOW * target, SBL__GOAL_REST * rest));
+    goal = SBL__MAX(SBL__GOAL_FRACTION * left, SBL__MAX(SBL__GOAL_BELOW * target, SBL__GOAL_REST * rest));
     while (bin > 1 && left > goal) left -= r->gains[--bin];
     return sbl__bin_worth(bin);
 }
@@ -20343,7 +20349,7 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
 
 /* Computes layers 1 and up for a pixel that shows stored light: the parts of the light groups, or the harmonics of
    light that comes evenly from the pixel's whole hemisphere. */
-static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
+static void sbl__refine_isotropic(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
     size_t i;
     if (r->spec->groups) sbl__refine_stored_layers(r, p, out);
@@ -20405,9 +20411,9 @@ static sbl_result sbl__refine_end(sbl__refine *r) {
     sbl__free(&r->core->base, r->searched);
     sbl__texture_delete(&r->core->device, &r->guides.texture);
     r->searched = NULL;
-    r->searched_room = 0;
+    r->searched_capacity = 0;
     if (r->spec->traced) sbl__job_release(&r->core->device, &r->core->job);
-    return sbl__trim(&r->core->base, &r->tiles, &r->tile_room, r->tile_count, sizeof *r->tiles)
+    return sbl__trim(&r->core->base, &r->tiles, &r->tile_capacity, r->tile_count, sizeof *r->tiles)
          ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -20449,7 +20455,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         memcpy(s->radiance, stored, sizeof s->radiance);
         s->variance = (double)(SBL__STORED_NOISE * sbl__max3(stored));
         s->variance *= s->variance;
-        sbl__refine_even(r, p, light);
+        sbl__refine_isotropic(r, p, light);
     }
     uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
     if (sbl__refine_counts(r, index)) r->uncertainty2 += uncertainty * uncertainty;
@@ -20565,7 +20571,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     p->error = sbl__pixel_error(r, p, (c->bias2 + c->noise2) / weight2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
-        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, s->looks));
+        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_ratio(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
                                                        rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
@@ -21088,7 +21094,7 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 #define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this * the light of the brighter
                                      side */
 #define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends to which an edge is compared */
-#define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
+#define SBL__SEAM_SOLUTIONS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-8  /* sbl__solver.precision2. 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
 /* A point of a seam. Entries 0 to 3 are for its position A in the map, 4 to 7 for B; the weights of B are negative.
@@ -21109,10 +21115,10 @@ typedef struct sbl__seams {
     const sbl__gutters *light;
     sbl__hash_table edges;      /* sides of baked triangles, by the positions of their ends */
     sbl__seam_point *points;
-    int point_count, point_room;
+    int point_count, point_capacity;
     int *unknown_of;            /* per texel: 1 + its index among the unknowns; 0: the texel does not change */
     int *texels;                /* per unknown: its texel */
-    int unknown_count, unknown_room;
+    int unknown_count, unknown_capacity;
     sbl__solver solver;         /* finds the change of 3 channels per unknown; diagonal 0: the channel is kept at 0 */
     int seams;                  /* number of seams, each a pair of edges */
     int layer;                  /* index of the current layer. 0: R; others: harmonics or light groups, in which
@@ -21199,7 +21205,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
 }
 
 /* Returns 1 if the light on both sides of a point does not differ much. p->unknowns must hold texels. */
-static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
+static int sbl__seam_is_continuous(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
     for (i = 0; i < 8; i++)
@@ -21212,8 +21218,8 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     sbl__base *base = s->atlas->base;
     sbl__seam_point *out;
     int i;
-    if (!sbl__grow(base, &s->points, &s->point_room, s->point_count + 1, sizeof *s->points) ||
-        !sbl__grow(base, &s->texels, &s->unknown_room, s->unknown_count + 8, sizeof *s->texels))
+    if (!sbl__grow(base, &s->points, &s->point_capacity, s->point_count + 1, sizeof *s->points) ||
+        !sbl__grow(base, &s->texels, &s->unknown_capacity, s->unknown_count + 8, sizeof *s->texels))
         return SBL_ERROR_OUT_OF_MEMORY;
     out = &s->points[s->point_count++];
     *out = *p;
@@ -21252,7 +21258,7 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
             for (k = 0; k < 2; k++) at[k] = (1 - t) * mapped[side][0][k] + t * mapped[side][1][k];
             whole = whole && sbl__seam_mix(s->light, at, side, &point);
         }
-        if (whole && sbl__seam_is_even(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
+        if (whole && sbl__seam_is_continuous(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
     return SBL_SUCCESS;
@@ -21376,7 +21382,7 @@ static sbl_result sbl__seams_solve(void *work, sbl__slice *slice) {
 
 static int sbl__seams_after_apply(void *work) {
     sbl__seams *s = (sbl__seams *)work;
-    const int again = s->bound && ++s->rounds < SBL__SEAM_ROUNDS;
+    const int again = s->bound && ++s->rounds < SBL__SEAM_SOLUTIONS;
     s->bound = 0;
     return again ? SBL__SEAMS_BEFORE : SBL__SEAMS_AFTER;
 }
@@ -21468,8 +21474,8 @@ typedef struct sbl__work {
     sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
     sbl__site *sites;    /* memory for the sites of the task */
     sbl_reading *readings;  /* memory for the task's readings; NULL if the host provides memory */
-    float store_share;   /* part of `progress` for filling the store, in addition to front_end->progress; 0 if the store
-                            need not be filled, or if front_end->progress includes it (>>map) */
+    float store_fraction;  /* fraction of `progress` for filling the store, in addition to front_end->progress; 0 if the
+                              store need not be filled, or if front_end->progress includes it (>>map) */
     float progress;      /* progress as reported to the host, 0 to 1; never decreases */
     double progress_at;  /* stats.seconds.total when `progress` was last computed */
 } sbl__work;
@@ -21482,7 +21488,7 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     w->front_end = front_end;
     w->core = core;
     w->measurement = *measurement;
-    if (measurement->options.mode == SBL_MODE_GI && !core->scene.store.ready) w->store_share = SBL__BOUNCE_TIME;
+    if (measurement->options.mode == SBL_MODE_GI && !core->scene.store.ready) w->store_fraction = SBL__BOUNCE_TIME;
     if (front_end->need) {
         const sbl__need need = front_end->need(core, desc);
         const sbl_result result = sbl__need_afford(&core->base, front_end->begin_name, &need);
@@ -21656,7 +21662,7 @@ typedef struct sbl__map {
                                    and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
 
-#define SBL__MAP_SHARE 0.55f      /* progress that a picture has made when R is measured, if reflections follow */
+#define SBL__MAP_R_DONE 0.55f      /* progress that a picture has made when R is measured, if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
@@ -21771,7 +21777,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     for (level = 0; level < SBL_MAX_LEVELS; level++)
         c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
-    m->work.store_share = 0;  /* sbl__map_progress includes the store */
+    m->work.store_fraction = 0;  /* sbl__map_progress includes the store */
     m->glimpse_measurement = m->work.measurement;
     m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
     m->glimpse_measurement.options.rays = SBL__GLIMPSE_RAYS;
@@ -22114,7 +22120,7 @@ static double sbl__map_seconds_left(const sbl__map *m) {
 }
 
 /* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
-   SBL__MAP_SHARE to 0.95 while reflections are measured, 0.95 to 0.99 after that, 1 at the end. Progress never
+   SBL__MAP_R_DONE to 0.95 while reflections are measured, 0.95 to 0.99 after that, 1 at the end. Progress never
    decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, it grows to at most
    four times its value. */
 static float sbl__map_progress(const void *work) {
@@ -22123,11 +22129,11 @@ static float sbl__map_progress(const void *work) {
     double share, most;
     if (sbl__work_is_done(&m->work)) return 1;
     if (m->developed && m->has_lobes && m->reflected < 1)
-        return SBL__MAP_SHARE + (0.95f - SBL__MAP_SHARE) * m->reflected;
+        return SBL__MAP_R_DONE + (0.95f - SBL__MAP_R_DONE) * m->reflected;
     if (m->developed) return 0.96f + 0.03f * m->finished;
-    if (m->work.stages.stage == SBL__MAP_DEVELOP) return m->has_lobes ? SBL__MAP_SHARE : 0.95f;
+    if (m->work.stages.stage == SBL__MAP_DEVELOP) return m->has_lobes ? SBL__MAP_R_DONE : 0.95f;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
-    share = (m->has_lobes ? (double)SBL__MAP_SHARE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
+    share = (m->has_lobes ? (double)SBL__MAP_R_DONE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
     most = SBL__MAX((double)m->work.progress, 0.01) * pow(seconds / before, 2);
     return (float)SBL__MIN(share, most);
 }
@@ -22871,7 +22877,7 @@ static const sbl__front_end sbl__picture_front_end = {
     X(SBL__LIGHTMAP_GUTTERS, sbl__lightmap_gutters, NULL, NULL, NULL) \
     X(SBL__LIGHTMAP_SEAMS, sbl__lightmap_sew, NULL, NULL, NULL) \
     X(SBL__LIGHTMAP_SEND, sbl__lightmap_send, NULL, NULL, sbl__lightmap_after_send) \
-    X(SBL__LIGHTMAP_SHARES, NULL, sbl__lightmap_share, sbl__lightmap_share_rows, sbl__lightmap_after_shares) \
+    X(SBL__LIGHTMAP_GROUPS_SCALE, NULL, sbl__lightmap_scale, sbl__lightmap_scale_rows, sbl__lightmap_after_scale) \
     X(SBL__LIGHTMAP_GROUPS, sbl__lightmap_send_group, NULL, NULL, sbl__lightmap_after_group)
 /* The stages after those of the map. SBL__LIGHTMAP_LIGHT is thus equal to SBL__MAP_END. */
 enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__STAGE_NAME) SBL__LIGHTMAP_DONE };
@@ -22879,7 +22885,7 @@ enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__S
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, even_seams;     /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
+    int gutter, closed_seams;     /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
@@ -22943,7 +22949,7 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = d.window[2] ? 0 : SBL__MAX(d.gutter, 0);
-    l->even_seams = d.seams >= 0;
+    l->closed_seams = d.seams >= 0;
     if (m->across > 1) {
         m->shown = (int *)sbl__alloc(base, (size_t)m->size[0] * (size_t)m->size[1], sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
@@ -22955,14 +22961,14 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
 /* >>lightmap: surfaces that texels show */
 
 /* Returns the index of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
-static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
+static size_t sbl__lightmap_subtexel(const sbl__map *m, int texel, int i) {
     const int x = m->window.inset[0] + texel % m->size[0] * m->across + i % m->across;
     const int y = m->window.inset[1] + texel / m->size[0] * m->across + i / m->across;
     return (size_t)y * (size_t)m->desc.width + (size_t)x;
 }
 
-static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
-    return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
+static uint32_t sbl__lightmap_subtexel_id(const sbl__map *m, int texel, int i) {
+    return sbl__refine_pixel(&m->refine, sbl__lightmap_subtexel(m, texel, i))->id;
 }
 
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
@@ -22973,16 +22979,16 @@ static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
     int i, k, most = 0, nearest = INT_MAX;
     uint32_t id = 0;
     for (i = 0; i < parts; i++) {
-        const uint32_t other = sbl__lightmap_part_id(m, texel, i);
+        const uint32_t other = sbl__lightmap_subtexel_id(m, texel, i);
         int count = 0;
-        for (k = 0; k < parts && other; k++) count += sbl__lightmap_part_id(m, texel, k) == other;
+        for (k = 0; k < parts && other; k++) count += sbl__lightmap_subtexel_id(m, texel, k) == other;
         if (count > most) { most = count; id = other; }
     }
     for (i = 0; i < parts; i++) {
         const int dx = 2 * (i % m->across) + 1 - m->across, dy = 2 * (i / m->across) + 1 - m->across;
-        if (sbl__lightmap_part_id(m, texel, i) != id || dx * dx + dy * dy >= nearest) continue;
+        if (sbl__lightmap_subtexel_id(m, texel, i) != id || dx * dx + dy * dy >= nearest) continue;
         nearest = dx * dx + dy * dy;
-        m->shown[texel] = (int)sbl__lightmap_part(m, texel, i);
+        m->shown[texel] = (int)sbl__lightmap_subtexel(m, texel, i);
     }
     return most;
 }
@@ -23014,8 +23020,8 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
-        const float *own = data + 4 * (sbl__lightmap_part(m, texel, i) - first);
-        if (sbl__lightmap_part_id(m, texel, i) != id) continue;
+        const float *own = data + 4 * (sbl__lightmap_subtexel(m, texel, i) - first);
+        if (sbl__lightmap_subtexel_id(m, texel, i) != id) continue;
         for (k = 0; k < 4; k++) out[k] += own[k] / (float)parts;
     }
 }
@@ -23072,7 +23078,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__seams *s = &l->seams;
     sbl_result result;
-    if (!l->gutter || !l->even_seams) return SBL_SUCCESS;
+    if (!l->gutter || !l->closed_seams) return SBL_SUCCESS;
     result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
     if (!l->map.layer) sbl__seams_report(s, (double)sbl__refine_luminance(&l->map.refine), &l->map.work.core->stats);
     return result;
@@ -23109,7 +23115,7 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
    multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
    from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
    vertex; parts: per group, the floats of all texels or vertices; at: index of the first float of this one */
-static void sbl__layers_share(const float whole[3], float *const *parts, int groups, size_t at) {
+static void sbl__groups_scale(const float whole[3], float *const *parts, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
         double sum = 0;
@@ -23121,22 +23127,22 @@ static void sbl__layers_share(const float whole[3], float *const *parts, int gro
     }
 }
 
-static int sbl__lightmap_share_rows(void *work) {
+static int sbl__lightmap_scale_rows(void *work) {
     const sbl__lightmap *l = (const sbl__lightmap *)work;
     return l->is_window ? 0 : l->map.size[1];
 }
 
 /* Scales the light groups in a row of texels so that they add up to R. */
-static sbl_result sbl__lightmap_share(void *work, int row) {
+static sbl_result sbl__lightmap_scale(void *work, int row) {
     const sbl__lightmap *l = (const sbl__lightmap *)work;
     const size_t width = (size_t)l->map.size[0], end = 4 * width * ((size_t)row + 1);
     size_t at;
     for (at = 4 * width * (size_t)row; at < end; at += 4)
-        sbl__layers_share(l->parts[0] + at, &l->parts[1], l->map.spec.groups, at);
+        sbl__groups_scale(l->parts[0] + at, &l->parts[1], l->map.spec.groups, at);
     return SBL_SUCCESS;
 }
 
-static int sbl__lightmap_after_shares(void *work) {
+static int sbl__lightmap_after_scale(void *work) {
     ((sbl__lightmap *)work)->map.layer = 1;
     return SBL__LIGHTMAP_GROUPS;
 }
@@ -23159,7 +23165,7 @@ static int sbl__lightmap_after_group(void *work) {
     return ++l->map.layer <= l->map.spec.groups ? SBL__LIGHTMAP_GROUPS : sbl__lightmap_finish(l);
 }
 
-/* Returns DEVELOP for the next layer. After the last layer, returns SHARES for the light groups, if any, or
+/* Returns DEVELOP for the next layer. After the last layer, returns GROUPS_SCALE for the light groups, if any, or
    finishes. */
 static int sbl__lightmap_after_send(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
@@ -23178,7 +23184,7 @@ static int sbl__lightmap_after_send(void *work) {
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
-    return m->spec.groups ? SBL__LIGHTMAP_SHARES : sbl__lightmap_finish(l);
+    return m->spec.groups ? SBL__LIGHTMAP_GROUPS_SCALE : sbl__lightmap_finish(l);
 }
 
 static const sbl__stage_row sbl__lightmap_stages[] = {
@@ -23201,7 +23207,7 @@ static const sbl__front_end sbl__lightmap_front_end = {
     X(SBL__JOINING_GUTTERS, sbl__joining_gutters, NULL, NULL, NULL) \
     X(SBL__JOINING_SEAMS, sbl__joining_sew, NULL, NULL, NULL) \
     X(SBL__JOINING_GIVE, sbl__joining_give, NULL, NULL, sbl__joining_after_give) \
-    X(SBL__JOINING_SHARES, NULL, sbl__joining_share, sbl__joining_share_rows, NULL)
+    X(SBL__JOINING_GROUPS_SCALE, NULL, sbl__joining_scale, sbl__joining_scale_rows, NULL)
 enum { SBL__JOINING_STAGES(SBL__STAGE_NAME) SBL__JOINING_DONE };
 
 #define SBL__JOINING_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
@@ -23356,21 +23362,21 @@ static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
 static int sbl__joining_after_give(void *work) {
     sbl__joining *j = (sbl__joining *)work;
     sbl__gutters_free(&j->work.core->base, &j->gutters);
-    return ++j->layer < sbl__joining_layers(j) ? SBL__JOINING_TAKE : SBL__JOINING_SHARES;
+    return ++j->layer < sbl__joining_layers(j) ? SBL__JOINING_TAKE : SBL__JOINING_GROUPS_SCALE;
 }
 
-static int sbl__joining_share_rows(void *work) {
+static int sbl__joining_scale_rows(void *work) {
     const sbl__joining *j = (const sbl__joining *)work;
     return sbl__joining_groups(j) ? j->desc.lightmap.height : 0;
 }
 
 /* Scales the light groups in a row of texels so that they add up to R. */
-static sbl_result sbl__joining_share(void *work, int row) {
+static sbl_result sbl__joining_scale(void *work, int row) {
     const sbl__joining *j = (const sbl__joining *)work;
     const size_t width = (size_t)j->desc.lightmap.width, end = 3 * width * ((size_t)row + 1);
     size_t at;
     for (at = 3 * width * (size_t)row; at < end; at += 3)
-        sbl__layers_share(j->desc.light[0] + at, j->desc.groups, sbl__joining_groups(j), at);
+        sbl__groups_scale(j->desc.light[0] + at, j->desc.groups, sbl__joining_groups(j), at);
     return SBL_SUCCESS;
 }
 
@@ -23534,7 +23540,7 @@ static const sbl__front_end sbl__readings_front_end = {
                                            row */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
-/* The stages SITES to TAKE are repeated for each job. SPREAD and MEAN are repeated for each ring of unknowns around
+/* The stages SITES to TAKE are repeated for each job. NEXT_RING and MEAN are repeated for each ring of unknowns around
    those with light. NEXT returns to SOLVE for each light group. */
 #define SBL__VERTICES_STAGES(X) \
     X(SBL__VERTICES_PREPARE, sbl__work_prepare, NULL, NULL, NULL) \
@@ -23548,16 +23554,16 @@ static const sbl__front_end sbl__readings_front_end = {
     X(SBL__VERTICES_MASS, NULL, sbl__vertices_mass, sbl__vertices_triangles, NULL) \
     X(SBL__VERTICES_BEND, NULL, sbl__vertices_bend, sbl__vertices_hinges, NULL) \
     X(SBL__VERTICES_SOLVE, sbl__vertices_solve, sbl__vertices_average, sbl__vertices_averages, NULL) \
-    X(SBL__VERTICES_SPREAD, NULL, sbl__vertices_spread, sbl__vertices_triangles, NULL) \
+    X(SBL__VERTICES_NEXT_RING, NULL, sbl__vertices_next_ring, sbl__vertices_triangles, NULL) \
     X(SBL__VERTICES_MEAN, NULL, sbl__vertices_mean, sbl__vertices_count, sbl__vertices_after_mean) \
     X(SBL__VERTICES_WRITE, NULL, sbl__vertices_write, sbl__vertices_count, sbl__vertices_after_write) \
     X(SBL__VERTICES_NEXT, NULL, sbl__vertices_next, sbl__vertices_triangles, sbl__vertices_after_next) \
-    X(SBL__VERTICES_SHARES, NULL, sbl__vertices_share, sbl__vertices_shared, sbl__vertices_after_shares)
+    X(SBL__VERTICES_GROUPS_SCALE, NULL, sbl__vertices_scale, sbl__vertices_scale_count, sbl__vertices_after_scale)
 enum { SBL__VERTICES_STAGES(SBL__STAGE_NAME) SBL__VERTICES_DONE };
 
 /* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
    in the scene". */
-typedef struct sbl__vertices_part {
+typedef struct sbl__baked_mesh {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* index in the scene minus index here */
     int vertex_count, triangle_count;
@@ -23565,7 +23571,7 @@ typedef struct sbl__vertices_part {
     double area;
     double points_wanted;        /* number of points on a triangle of the mean area */
     double points, back_points;  /* number of valid points; number of those that see mostly back faces */
-} sbl__vertices_part;
+} sbl__baked_mesh;
 
 /* An edge that two triangles share. sides: index of the edge as a side of each triangle, see >>topology. weights: for
    the two corners opposite the edge, then for the two ends of the first side, see sbl__hinge_make. The sum of weight *
@@ -23578,9 +23584,9 @@ typedef struct sbl__vertices_cursor { int triangle, point; uint32_t number; } sb
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
-    int part;                   /* index of the part that sbl__vertices_part_of found last */
+    int part;                   /* index of the part that sbl__baked_mesh_of found last */
     sbl_vertices_desc desc;     /* with defaults */
-    sbl__vertices_part *parts;
+    sbl__baked_mesh *parts;
     int part_count, vertex_count, triangle_count;
     int solved;                 /* number of parts that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
@@ -23601,7 +23607,7 @@ typedef struct sbl__vertices {
                                    for each corner; then the same sums over only those points that see mostly back
                                    faces. NULL without light groups */
     sbl__hinge *hinges;
-    int hinge_count, hinge_room;
+    int hinge_count, hinge_capacity;
     sbl__solver solver;         /* with desc.average, nothing is solved: diagonal holds sums of weights, and residual
                                    sums of weighted light */
     int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
@@ -23640,10 +23646,10 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
     s->groups = s->desc.groups ? c->scene.light_groups : 0;
     s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
-    s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
+    s->parts = (sbl__baked_mesh *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
     if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < s->part_count; i++) {
-        sbl__vertices_part *part = &s->parts[i];
+        sbl__baked_mesh *part = &s->parts[i];
         part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
         part->first_vertex = s->vertex_count;
         part->first_triangle = s->triangle_count;
@@ -23681,8 +23687,8 @@ static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
 
 /* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
    begins at the part found last, because most callers ask for ascending indices. */
-static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
-    const sbl__vertices_part *p = s->parts;
+static sbl__baked_mesh *sbl__baked_mesh_of(sbl__vertices *s, int at, int is_vertex) {
+    const sbl__baked_mesh *p = s->parts;
     int i = s->part;
     if (at < (is_vertex ? p[i].first_vertex : p[i].first_triangle)) i = 0;
     while (i + 1 < s->part_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
@@ -23694,7 +23700,7 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
-    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
     const uint32_t number = (uint32_t)(triangle + part->triangle_shift);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
@@ -23726,7 +23732,7 @@ static sbl_result sbl__vertices_weld(void *work, int vertex) {
     double mean[3] = { normal[0], normal[1], normal[2] };
     uint32_t number;
     int k;
-    sbl__vertices_part_of(s, vertex, 1);
+    sbl__baked_mesh_of(s, vertex, 1);
     number = sbl__vertices_vertex(s, (uint32_t)vertex);
     if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
     if (!sbl__all_zero(g->attributes[number].normal, 3)) memcpy(normal, g->attributes[number].normal, 12);
@@ -23780,7 +23786,7 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
     sbl__hinge *hinge;
     if (other == side) return SBL_SUCCESS;
-    if (!sbl__grow(&s->work.core->base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
+    if (!sbl__grow(&s->work.core->base, &s->hinges, &s->hinge_capacity, s->hinge_count + 1, sizeof *s->hinges))
         return SBL_ERROR_OUT_OF_MEMORY;
     hinge = &s->hinges[s->hinge_count++];
     hinge->sides[0] = other;
@@ -23799,7 +23805,7 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
     const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
@@ -23839,7 +23845,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
 static int sbl__vertices_advance(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
     sbl__vertices_point(cursor->point, weights);
-    cursor->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !cursor->point
+    cursor->number = triangle == sbl__baked_mesh_of(s, triangle, 0)->first_triangle && !cursor->point
                         ? 0 : cursor->number + 1;
     if (++cursor->point < sbl__vertices_samples(s, triangle)) return triangle;
     cursor->point = 0;
@@ -23856,7 +23862,7 @@ static sbl_result sbl__vertices_site(void *work, int site) {
     sbl_site point;
     double h[3];
     const int triangle = sbl__vertices_advance(s, &s->next_site, h);
-    const sbl__vertices_part *part = &s->parts[s->part];
+    const sbl__baked_mesh *part = &s->parts[s->part];
     const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
     sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
     sbl__site_make(&s->work, &point, number, &s->work.sites[site]);
@@ -23917,7 +23923,7 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
    the corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
     const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const size_t first = SBL__VERTICES_SUMS * (size_t)triangle;
@@ -23962,7 +23968,7 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
    part that is being solved, then its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const sbl__vertices_part *part = &s->parts[s->solved];
+    const sbl__baked_mesh *part = &s->parts[s->solved];
     const size_t triangle = (size_t)(part->first_triangle + term);
     const sbl__hinge *h;
     size_t at[4];
@@ -23996,7 +24002,7 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* For each corner of a triangle that has no light: adds the light of the corners that have light, and adds their number
    to the corner's entry in s->neighbours. */
-static sbl_result sbl__vertices_spread(void *work, int triangle) {
+static sbl_result sbl__vertices_next_ring(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     int a, b, k;
@@ -24027,7 +24033,7 @@ static int sbl__vertices_after_mean(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
     const int more = s->reached && ++s->ring < SBL__VERTICES_RINGS;
     s->reached = 0;
-    return more ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
+    return more ? SBL__VERTICES_NEXT_RING : SBL__VERTICES_WRITE;
 }
 
 static sbl_result sbl__vertices_write(void *work, int vertex) {
@@ -24047,7 +24053,7 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 static int sbl__vertices_after_write(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
     const size_t unknowns = (size_t)s->vertex_count;
-    if (s->layer++ == s->groups) return SBL__VERTICES_SHARES;
+    if (s->layer++ == s->groups) return SBL__VERTICES_GROUPS_SCALE;
     memset(s->solver.solution, 0, 3 * unknowns * sizeof *s->solver.solution);
     memset(s->solver.residual, 0, 3 * unknowns * sizeof *s->solver.residual);
     memset(s->neighbours, 0, unknowns * sizeof *s->neighbours);
@@ -24058,7 +24064,7 @@ static int sbl__vertices_after_write(void *work) {
 /* Adds a triangle's sums for the next light group to the right-hand side, as sbl__vertices_mass does for R. */
 static sbl_result sbl__vertices_next(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
     const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const float *layer = sbl__vertices_layers(s, triangle, 0) + 9 * (s->layer - 1);
@@ -24080,16 +24086,16 @@ static int sbl__vertices_after_next(void *work) {
 }
 
 /* Scales the light groups of a vertex so that they add up to its R. */
-static sbl_result sbl__vertices_share(void *work, int vertex) {
+static sbl_result sbl__vertices_scale(void *work, int vertex) {
     const sbl__vertices *s = (const sbl__vertices *)work;
     float *parts[SBL_MAX_LIGHT_GROUPS];
     int i;
     for (i = 0; i < s->groups; i++) parts[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
-    sbl__layers_share(s->desc.radiance + 3 * (size_t)vertex, parts, s->groups, 3 * (size_t)vertex);
+    sbl__groups_scale(s->desc.radiance + 3 * (size_t)vertex, parts, s->groups, 3 * (size_t)vertex);
     return SBL_SUCCESS;
 }
 
-static int sbl__vertices_shared(void *work) {
+static int sbl__vertices_scale_count(void *work) {
     return ((sbl__vertices *)work)->groups ? ((sbl__vertices *)work)->vertex_count : 0;
 }
 
@@ -24122,7 +24128,7 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
 /* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = s->parts + s->solved;
+    const sbl__baked_mesh *part = s->parts + s->solved;
     sbl_result result;
     if (s->desc.average || s->solved == s->part_count) return SBL_SUCCESS;
     s->solver.first = part->first_vertex;
@@ -24149,7 +24155,7 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 
 /* Frees everything except the sbl__work, which is still needed after the bake. Returns the stage DONE. */
-static int sbl__vertices_after_shares(void *work) {
+static int sbl__vertices_after_scale(void *work) {
     sbl__work w;
     sbl__work_free_task((sbl__work *)work);
     w = *(const sbl__work *)work;
@@ -24181,22 +24187,23 @@ static const sbl__front_end sbl__vertices_front_end = {
 
 /* ======================================================================================================== >>probes
    The front end for points in the air. Probes are measured in batches, by two kinds of sites: HEMISPHERES measure R for
-   normals that lie on rings all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If sensors
-   trace rays, HEMISPHERES measure only the light from lamps, and RAYS the light from surfaces and sky, and distances.
-   If sensors rasterise views, HEMISPHERES measure all light, and RAYS only distances. A round measures all sites of a
-   batch. Probes that are inside geometry are moved, if desc.move allows it, and measured in another round. */
+   normals that lie on latitudes all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If
+   sensors trace rays, HEMISPHERES measure only the light from lamps, and RAYS the light from surfaces and sky, and
+   distances. If sensors rasterise views, HEMISPHERES measure all light, and RAYS only distances. A round measures all
+   sites of a batch. Probes that are inside geometry are moved, if desc.move allows it, and measured in another round.
+   */
 
-/* RINGS: number of rings of normals; AROUND: number of normals on a ring; VIEW: for sensors that rasterise views, the
-   others for sensors that trace rays. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4
-   % (views) of the norm of the light's first four coefficients. */
-#define SBL__PROBE_RINGS 10
+/* LATITUDES: number of latitudes of normals; AROUND: number of normals on a latitude; VIEW: for sensors that rasterise
+   views, the others for sensors that trace rays. With these numbers, the aliasing of a point light is at most 0.4 %
+   (rays) or 1.4 % (views) of the norm of the light's first four coefficients. */
+#define SBL__PROBE_LATITUDES 10
 #define SBL__PROBE_AROUND 32
-#define SBL__PROBE_VIEW_RINGS 6
+#define SBL__PROBE_VIEW_LATITUDES 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube. A normal on a ring has one look,
+#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube. A normal on a latitude has one look,
                                       because the harmonics average many normals */
-#define SBL__PROBE_LAMP_SHARE 64   /* a look of HEMISPHERES sends options.rays / this rays to lamps */
+#define SBL__PROBE_LAMP_DIVISOR 64   /* a look of HEMISPHERES sends options.rays / this rays to lamps */
 #define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of HEMISPHERES sends to lamps: twice the number
                                       that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
 #define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */
@@ -24236,9 +24243,9 @@ typedef struct sbl__probes {
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
     int lamps_apart;               /* 1: sensors trace rays, so that HEMISPHERES measure only the light from lamps */
-    int rings, around;             /* number of rings of normals, each of one |z|; number of normals on a ring */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* absolute z of each ring, 0 to 1; weights, with sum
-                                                                      1 */
+    int latitudes, around;         /* number of latitudes of normals, each of one |z|; number of normals on each */
+    double latitude[SBL__PROBE_LATITUDES];  /* absolute z of the normals of each latitude, 0 to 1 */
+    double latitude_weight[SBL__PROBE_LATITUDES];  /* weights of the latitudes, with sum 1 */
     int groups;                    /* number of requested light groups */
     float *layers;                 /* the layers of the readings; NULL without light groups */
     uint32_t *sequence;            /* sbl__sequence_at derives the directions of a probe's rays from it */
@@ -24298,7 +24305,7 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 /* Returns the number that selects the directions of a probe's rays. i: index of the probe in desc.probes */
 static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_t)(g->desc.first_probe + i); }
 
-static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
+static int sbl__probe_normals(const sbl__probes *g) { return g->latitudes * g->around; }
 
 /* Returns the number of sites of one kind per probe. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
@@ -24306,12 +24313,12 @@ static int sbl__probe_sites(const sbl__probes *g, int kind) {
 }
 
 /* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
-   the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings fill only the half z >
+   the direction of a light, so it needs many axes; the odd part is smooth. So the latitudes fill only the half z >
    0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
-   number of axes; and every other ring is rotated by half a step. */
+   number of axes; and every other latitude is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
-    const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
-    const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
+    const int row = i / g->around, step = i % g->around, sign = (row + step) & 1 ? -1 : 1;
+    const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / g->around, z = g->latitude[row], r = sqrt(1 - z * z);
     out[0] = sign * r * cos(angle);
     out[1] = sign * r * sin(angle);
     out[2] = sign * z;
@@ -24362,9 +24369,9 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
         sbl__to_host(geometry->centre, geometry->bounds[1], g->desc.highest);
     }
     g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
-    g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
+    g->latitudes = g->lamps_apart ? SBL__PROBE_LATITUDES : SBL__PROBE_VIEW_LATITUDES;
     g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
-    sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
+    sbl__gauss_nodes(g->latitudes, g->latitude, g->latitude_weight);
     return SBL_SUCCESS;
 }
 
@@ -24375,7 +24382,7 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     sbl__spec *hemispheres = &g->specs[SBL__PROBE_HEMISPHERES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
-    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
+    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_DIVISOR, SBL__PROBE_LAMP_LEAST);
     sbl__measurement measurement = g->work.measurement;
     (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
@@ -24461,7 +24468,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site
     /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
-    const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
+    const double share = rays ? 1.0 / g->desc.options.rays : g->latitude_weight[site / g->around] / g->around;
     const double area = 4 * SBL__PI * share;
     double y[9];
     int i, k;
@@ -25652,7 +25659,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     float own;
     core->stats.seconds.total += sbl__now() - start;
     own = w->front_end->progress(w);
-    w->progress = SBL__MAX(w->progress, w->store_share * sbl__bounce_progress(core) + (1 - w->store_share) * own);
+    w->progress = SBL__MAX(w->progress, w->store_fraction * sbl__bounce_progress(core) + (1 - w->store_fraction) * own);
     w->progress_at = core->stats.seconds.total;
     if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
     if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !o->progress) return result;

@@ -13,9 +13,9 @@ SBL_OUT(1, out_albedo);
 #endif
 #ifdef SBL_BOUNCED  // the scene has metal
 // rgb: light of lamps and of the sky that a ray finds after it has hit metal; a: 1: the ray has hit metal
-SBL_OUT(2, out_shine);
+SBL_OUT(2, out_metal_light);
 #ifdef SBL_GROUPS
-// out_shine.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
+// out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
 // rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light
 SBL_OUT(3, out_parts);
 #endif
@@ -58,12 +58,12 @@ bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction)
     hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
 #ifdef SBL_BOUNCED
     sbl_Material material;
-    hit_shines = false;
+    hit_continues = false;
     if (limit < 0.0 && hit.triangle >= 0) {
         material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
-        hit_shines = sbl_shines(material, material.reflectance);
+        hit_continues = sbl_is_strong(material, material.reflectance);
     }
-    return hit_shines;
+    return hit_continues;
 #else
     return false;
 #endif
@@ -86,8 +86,8 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 
 #ifdef SBL_BOUNCED
 // Writes the light that a ray has found after it hit metal.
-void sbl_cast_write_shine(int ray, vec4 shine) {
-    sbl_write_ray(out_shine, ray, shine);
+void sbl_cast_write_metal_light(int ray, vec4 shine) {
+    sbl_write_ray(out_metal_light, ray, shine);
 #ifdef SBL_GROUPS
     sbl_write_ray(out_parts, ray, parts);
 #endif
@@ -97,8 +97,8 @@ void sbl_cast_write_shine(int ray, vec4 shine) {
 void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
     sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
     uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
-    hit_shines = true;
-    sbl_cast_write_shine(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
+    hit_continues = true;
+    sbl_cast_write_metal_light(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
     // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that
     // the sky's light is not added again.
     sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);
@@ -127,7 +127,7 @@ void main() {
             pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
         } else {
             sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
-            sbl_cast_write_shine(ray, vec4(0));
+            sbl_cast_write_metal_light(ray, vec4(0));
         }
     }
     memoryBarrierShared();
@@ -151,7 +151,7 @@ void main() {
     sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
 #ifdef SBL_BOUNCED
     parts = vec4(0);
-    sbl_cast_write_shine(ray, vec4(0));
+    sbl_cast_write_metal_light(ray, vec4(0));
     for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);
 #endif
 }

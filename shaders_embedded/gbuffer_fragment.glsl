@@ -176,7 +176,7 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
     vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
     pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;
     if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));
-    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_share(s.material, cosine);
+    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);
     sbl_Leaving through = sbl_leaving(s, true, direction, passing);
     vec3 mirror_direction = sbl_mirrored(s, direction, point, share);
     sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);
@@ -194,7 +194,7 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out 
     float cosine = -dot(s.normal, ray.direction);
     vec3 passing = sbl_passing(s.object, s.material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
-    bool shines = sbl_shines(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
+    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
                   hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
     through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
     if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);

@@ -29,11 +29,12 @@ struct sbl_Lamp {
                                // is -1
     vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)
     bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
-    int layer;                 // index of the lamp's light group; glow: index of its record, see sbl_lamp_share
+    int layer;                 // index of the lamp's light group; glow: index of its record, see
+                               // sbl_lamp_layer_fraction
 };
 
 bool sbl_is_light(sbl_Lamp l) {
-    return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);
+    return mixed && (l.kind == SBL_LAMP_LOCAL_LIGHT || l.kind == SBL_LAMP_DISTANT_LIGHT);
 }
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
@@ -86,7 +87,7 @@ sbl_Lamp sbl_lamp(int leaf) {
         l.corner = sbl_light_position(int(at));
         l.brightness = sbl_light_intensity(int(at)) / unit;
         l.sine2 = sbl_light_radius(int(at));
-        if (l.kind == SBL_LAMP_NEAR_LIGHT) {
+        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {
             l.corner -= position;
             l.radius = l.sine2;
             l.away = length(l.corner);
@@ -106,7 +107,7 @@ sbl_Lamp sbl_lamp(int leaf) {
 uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer
 
 // Returns the fraction of a lamp's light that belongs to a layer.
-vec3 sbl_lamp_share(sbl_Lamp l, int layer) {
+vec3 sbl_lamp_layer_fraction(sbl_Lamp l, int layer) {
     if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);
     return vec3(l.layer == layer ? 1.0 : 0.0);
 }
@@ -151,7 +152,7 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
 // Returns the form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time
 // Graphics"). Treats small lamps as flat discs. z: cosine between the normal and the direction to the lamp's
 // centre. sine2: squared sine of half the angle that the lamp subtends
-float sbl_round(float z, float sine2) {
+float sbl_lamp_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
     float q = clamp(z / sine, -1.0, 1.0), x = sqrt(1.0 / sine2 - 1.0);
@@ -168,7 +169,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
         vec3 corner = to_frame * l.corner;
         factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
     }
-    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;
+    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(n, l.corner), l.sine2) / SBL_PI;
     if (sbl_is_texel(l))
         factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
     return l.brightness * factor;
@@ -206,7 +207,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
-        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
+        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;
     }
     return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
 }
@@ -310,7 +311,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         float r = sqrt(max(versine * (2.0 - versine), 0.0)), angle = 2.0 * SBL_PI * u.y;
         s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);
         s.light *= 2.0 / (1.0 + cosine);
-        if (l.kind == SBL_LAMP_NEAR_LIGHT) {
+        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {
             s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
             s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));
         }

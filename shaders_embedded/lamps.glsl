@@ -139,7 +139,7 @@ vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for f
 // Adds the light of a lamp to sums ordered like whole_layers.
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
-        vec3 part = light * sbl_lamp_share(l, g);
+        vec3 part = light * sbl_lamp_layer_fraction(l, g);
         sums[g] += l.facing.x * part;
         sums[SBL_GROUPS + g] += l.facing.y * part;
     }
@@ -418,11 +418,11 @@ sbl_Result sbl_combine() {
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST
-        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
+        float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
 #ifdef SBL_LOBE
         float all = max(dot(open[g], SBL_LUMINANCE), 1e-30);
-        lit_share = min(dot(seen[g], SBL_LUMINANCE) / all, 1.0);
+        lit_fraction = min(dot(seen[g], SBL_LUMINANCE) / all, 1.0);
         rays_counted = all * all / max(lobe_squares[g], 1e-30);
 #endif
         if (sparse[g] > 0.0) continue;
@@ -443,10 +443,10 @@ sbl_Result sbl_combine() {
         // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.
         float factor = factors[g] / max(lit[g], 1.0);
         float varies = max(factor_squares[g] / max(lit[g], 1.0) - factor * factor, 0.0);
-        r.light.a += mean * mean * lit_share * varies / max(samples[g], 1.0);
+        r.light.a += mean * mean * lit_fraction * varies / max(samples[g], 1.0);
         mean *= factor;
 #endif
-        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);
+        r.light.a += mean * mean * lit_fraction * (1.0 - lit_fraction) * sbl_strata(rays_counted);
     }
     return r;
 }

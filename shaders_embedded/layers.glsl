@@ -34,15 +34,15 @@
     SBL_PART_2(SBL_OUT(c, out_layers_2);) SBL_PART_3(SBL_OUT(d, out_layers_3);) \
     SBL_PART_4(SBL_OUT(e, out_layers_4);) SBL_PART_5(SBL_OUT(f, out_layers_5);)
 #define sbl_write_layers(l) \
-    SBL_PART_0(sbl_write(out_layers_0, sbl_layers_part(l, 0));) \
-    SBL_PART_1(sbl_write(out_layers_1, sbl_layers_part(l, 1));) \
-    SBL_PART_2(sbl_write(out_layers_2, sbl_layers_part(l, 2));) \
-    SBL_PART_3(sbl_write(out_layers_3, sbl_layers_part(l, 3));) \
-    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_part(l, 4));) \
-    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_part(l, 5));)
+    SBL_PART_0(sbl_write(out_layers_0, sbl_layers_texel(l, 0));) \
+    SBL_PART_1(sbl_write(out_layers_1, sbl_layers_texel(l, 1));) \
+    SBL_PART_2(sbl_write(out_layers_2, sbl_layers_texel(l, 2));) \
+    SBL_PART_3(sbl_write(out_layers_3, sbl_layers_texel(l, 3));) \
+    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \
+    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)
 
 // Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.
-vec4 sbl_layers_part(vec3 layers[SBL_GROUPS], int part) {
+vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int part) {
     vec4 floats = vec4(0);
     for (int k = 0; k < 4; k++)
         if (4 * part + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * part + k) / 3][(4 * part + k) % 3];

@@ -81,15 +81,15 @@ void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 }
 
 #ifdef SBL_SPECULAR
-// Returns true if the surface has a lobe and this reflectance exceeds SBL_SHINY.
-bool sbl_shines(sbl_Material m, vec3 reflectance) {
-    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_SHINY;
+// Returns true if the surface has a lobe and this reflectance exceeds SBL_STRONG.
+bool sbl_is_strong(sbl_Material m, vec3 reflectance) {
+    return m.roughness >= 0.0 && max(reflectance.r, max(reflectance.g, reflectance.b)) > SBL_STRONG;
 }
 
 // Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue
 // in its lobe; the others find only its diffuse part (see sbl_face_ray).
 bool sbl_hit_as_gloss(sbl_Material m) {
-    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_shines(m, m.reflectance);
+    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_is_strong(m, m.reflectance);
 }
 
 // Returns the fraction of light that passes straight through a surface. cosine: between its normal and the light
@@ -204,7 +204,9 @@ vec3 sbl_lobe_shown(sbl_Material m, float cosine) {
 }
 
 // Returns the fraction of light that a perfect mirror reflects at this cosine.
-vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }
+vec3 sbl_mirror_reflectance(sbl_Material m, float cosine) {
+    return m.opacity * sbl_fresnel(m.reflectance, cosine);
+}
 
 // Returns the albedo of the diffuse part of a surface for a viewer at this cosine.
 vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }

@@ -13,7 +13,7 @@ uniform bool scouts;
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_SHARE = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the
+const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the
                                           // mirrored lamps; d: direct, unobstructed light of their brightest lamp
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
@@ -78,7 +78,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
     float sum = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];
     for (int k = 0; k < SBL_MIRRORED; k++) mirrored_chance[k] /= max(sum, SBL_DIVISOR_LEAST);
-    most *= min(SBL_MIRRORED_SHARE * sum / max(brightest, SBL_DIVISOR_LEAST), 1.0);
+    most *= min(SBL_MIRRORED_FRACTION * sum / max(brightest, SBL_DIVISOR_LEAST), 1.0);
     mirrored_rays = sum > SBL_DIVISOR_LEAST ? SBL_MIRRORED_RAYS * most : 0.0;
 }
 

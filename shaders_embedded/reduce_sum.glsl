@@ -11,8 +11,8 @@ uniform int parts;             // number of texels per look in `lights`, in a co
 layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
 layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
-uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics
-uniform bool even;             // true: add the correction from block_even
+uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics
+uniform bool even;             // true: add the correction from block_control
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
@@ -51,7 +51,7 @@ void main() {
             vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);
             row_hits += h;
             hits.z = min(hits.z, h.z);
-            if (even) missed += texelFetch(block_even, corner + ivec2(x, y), 0);
+            if (even) missed += texelFetch(block_control, corner + ivec2(x, y), 0);
         }
         sum += row;
         hits.xyw += row_hits.xyw;

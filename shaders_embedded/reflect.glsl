@@ -1,6 +1,6 @@
 // Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces
-// them at near hits and where the surface shines (hit_shines: metal, panes, and gloss for a part of the rays).
-// cast.glsl traces them only where sbl_shines is true, for example on metal.
+// them at near hits and where the surface shines (hit_continues: metal, panes, and gloss for a part of the rays).
+// cast.glsl traces them only where sbl_is_strong is true, for example on metal.
 
 #ifdef SBL_SPECULAR
 // A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs
@@ -9,17 +9,18 @@
 // gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum
 // for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
 const float SBL_BLURRED_LOBE = 0.5;
-bool hit_shines = false;     // true: the surface of the last hit shines
+bool hit_continues = false;     // true: the surface of the last hit shines
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_mis); 0: ignore lamps that the ray hits
 
-// Sets hit_shines for a hit. Gloss that reflects less than SBL_SHINY for the angle between ray and surface shines
-// for a part of the rays only, with the chance reflectance / SBL_SHINY, but at least chance_least. Opacity is
-// divided by this chance, because it is a factor of the lobe. A pane always shines, because sbl_passes has chosen
-// the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this angle. direction:
-// direction of the ray. last: true if the ray ends here; nothing shines then, and the albedo includes the lobe
+// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface
+// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.
+// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because
+// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this
+// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo
+// includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
-    hit_shines = sbl_shines(m, m.reflectance);
+    hit_continues = sbl_is_strong(m, m.reflectance);
     for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
         vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
@@ -27,14 +28,14 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) 
         float sizes = length(across) * length(direction);
         float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
         vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));
-        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_SHINY, 1.0);
+        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_STRONG, 1.0);
         chance = max(chance, chance_least);
         if (max(m.clear.r, max(m.clear.g, m.clear.b)) > 0.0) chance = 1.0;
-        hit_shines = sbl_random_of(hit, 1u) < chance;
+        hit_continues = sbl_random_of(hit, 1u) < chance;
         m.albedo = sbl_diffuse_albedo(m, cosine) + (last ? reflected : vec3(0));
         m.opacity /= max(chance, SBL_DIVISOR_LEAST);
     }
-    hit_shines = hit_shines && !last;
+    hit_continues = hit_continues && !last;
 }
 
 // Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.
@@ -117,7 +118,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
                                       bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
     sbl_Lobe shine;
-    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {
         ivec3 v = sbl_corners(hit.number);
         vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
         vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
@@ -144,7 +145,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     r.layer = l.layer;
     r.light = sbl_reflected(material, s.light) * (unit / p.chance);
 #ifdef SBL_SPECULAR
-    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {
         float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;
         r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);
     }

@@ -13,7 +13,7 @@ uint sbl_hash_step(uint hash, uint x) {
 }
 
 // Returns true if rays of this length read the cells for near rays.
-bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }
+bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }
 
 // Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.
 // back: the ray sees the back of the triangle. distance: length of the ray that sees the position
@@ -24,7 +24,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
         uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;
         at *= uvec3(axis != 0u, axis != 1u, axis != 2u);
     }
-    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;
+    if (sbl_is_short(distance)) patch_word |= SBL_PATCH_SHORT;
     uint reference = 0u;
     // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits
     // `distance`.
@@ -43,7 +43,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
             uvec2 sides = sbl_cut_sides(cut);
             reference = dot(sbl_cut_normal(cut), position) > sbl_cut_distance(cut) ? sides.y : sides.x;
         }
-        patch_word ^= SBL_PATCH_NEAR;
+        patch_word ^= SBL_PATCH_SHORT;
         if ((tries & 1) == 1) {
             patch_word += SBL_PATCH_LEVEL;
             at >>= uint(SBL_LEVEL_SHIFT);
@@ -59,7 +59,7 @@ vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(le
 // position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same
 // parameters; it becomes the bright leaf, or 0
 vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {
-    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)
+    for (int i = 0; i < (bright_cells > 0 && sbl_is_short(distance) ? 1 : 0); i++)
         leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);
     vec3 light = leaf == 0 || bright_cells == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);
     bool bright = floatBitsToInt(light.r) < 0;

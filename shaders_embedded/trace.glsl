@@ -18,14 +18,14 @@ SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
 SBL_OUT_LAYERS(2, 3, 4, 5, 6, 7)
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(5, out_even);                 // control variate, for radiance 1 from everywhere: the exact harmonics minus
-                                      // those that these rays measure. reduce_sum.glsl adds it, times the mean
-                                      // radiance, to the measured harmonics
+SBL_OUT(5, out_control);  // control variate, for radiance 1 from everywhere: the exact harmonics minus those that
+                          // these rays measure. reduce_sum.glsl adds it, times the mean radiance, to the measured
+                          // harmonics
 #endif
 
 const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
-// sbl_is_near gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a
+// sbl_is_short gets the length of the first segment times this factor, so that hits up to 0.5 / 0.7 lengths of a
 // cell are near. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
@@ -77,11 +77,11 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
 #else
     const float first_scale = SBL_FIRST_SCALE;
 #endif
-    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
+    goes_on = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
     sbl_face_ray(material, hit, arriving, last);
-    goes_on = goes_on || hit_shines;
-    bool reads_store = !goes_on || hit_shines || bright_cells > 0;
+    goes_on = goes_on || hit_continues;
+    bool reads_store = !goes_on || hit_continues || bright_cells > 0;
 #else
     bool reads_store = !goes_on || bright_cells > 0;
 #endif
@@ -91,8 +91,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
         sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
 #ifdef SBL_SPECULAR
         // The lobe of the hit continues the ray; the diffuse part reflects stored light.
-        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
-        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
+        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
+        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
         if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
         sbl_add_stored(first && bright_cells > 0 ? leaf : 0,
@@ -111,7 +111,7 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. At near hits (see sbl_is_near and SBL_FIRST_SCALE), the mean light of the
+// Maximum number of segments of a ray. At near hits (see sbl_is_short and SBL_FIRST_SCALE), the mean light of the
 // cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract
 // the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced
 // light. The last segment reads the store at any distance.
@@ -425,6 +425,6 @@ void main() {
     sbl_write_layers(layers);
 #endif
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_even, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));
+    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));
 #endif
 }

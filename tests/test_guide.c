@@ -84,7 +84,7 @@ TEST(guides_are_densities) {
             const double weight = guide_warp(words, u);
             const int bin = sbl__guide_bin(u[0], u[1]);
             if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
-            if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
+            if (weight > 1.01 / (SBL__GUIDE_UNIFORM * SBL__GUIDE_UNIFORM)) break;
             all += weight;
             weights += weight * u[0];  /* the weighted mean of any function stays the same, here of u itself */
             in_bright += bin == bright;
@@ -118,7 +118,7 @@ TEST(densities_follow_roots) {
         counts[sbl__guide_bin(u[0], u[1])]++;
     }
     for (i = 0; i < 5; i++) {
-        const double even = SBL__GUIDE_EVEN, beside = 1 - even;
+        const double even = SBL__GUIDE_UNIFORM, beside = 1 - even;
         const double ring = even / SBL__GUIDE_BANDS + beside * roots[bins[i][0] != 0] / all;
         const double sector = even / SBL__GUIDE_SECTORS + beside * roots[bins[i][1] != 0] / all;
         const double share = (double)counts[(RING + bins[i][0]) * SBL__GUIDE_SECTORS + bins[i][1]] / (SIDE * SIDE);
@@ -436,7 +436,7 @@ TEST(guides_see_light_from_their_own_places) {
         found.hit_min = kind == 3 ? 0 : hit;
         REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS && r.guides.step == 1, "guides are %d pixels apart",
                 r.guides.step);
-        sbl__scout_spread(&r, AT, AT, u, &found);
+        sbl__scout_splat(&r, AT, AT, u, &found);
         for (i = 0; i < SIDE * SIDE; i++) {
             const float *bins = sbl__guide_found(&r.guides, i);
             const sbl__pixel *p = &pixels[i];

@@ -25,12 +25,12 @@ TEST(buffers_of_all_sizes_share_programs) {
     size_t bytes;
     int i;
     for (bytes = 0; bytes < 140000; bytes++) {
-        const size_t room = sbl__buffer_room(bytes);
+        const size_t room = sbl__buffer_capacity(bytes);
         CHECK(room >= bytes && room <= bytes + 272 && (room & (room - 1)) && (room >> 8) % 256, "%.0f of %.0f bytes",
               (double)room, (double)bytes);
     }
     for (i = 0; i < 3; i++) {
-        const size_t room = sbl__buffer_room(largest[i]);
+        const size_t room = sbl__buffer_capacity(largest[i]);
         CHECK(room > largest[i] && room <= largest[i] + 272 && (room >> 8) % 256, "%.0f of %.0f bytes", (double)room,
               (double)largest[i]);
     }
@@ -403,7 +403,7 @@ static void small_refine(sbl__refine *r, sbl__pixel *pixels, sbl__sensor **block
     r->pixels = pixels;
     r->sensors = block;
     r->width = r->height = side;
-    for (i = 0; i < SBL__DOUBLINGS; i++) r->variance_shares[i] = 1;
+    for (i = 0; i < SBL__DOUBLINGS; i++) r->variance_ratios[i] = 1;
 }
 
 /* Every fourth of 9 x 9 pixels has a sensor. The light is linear, but the last corner of the last tile shows another
@@ -697,7 +697,7 @@ TEST(divisions_halve_shares) {
     memset(&store, 0, sizeof store);
     store.patches = patches;
     store.cells = cells;
-    store.cell_room = 128;
+    store.cell_capacity = 128;
     store.cuts = cuts;
     store.length = 1;
     b.store = &store;
@@ -719,11 +719,11 @@ TEST(divisions_halve_shares) {
     *sbl__store_bucket(&store, 0, points[0].at.position) = SBL__CELL_CUT;
     for (i = 0; i < 4; i++)
         CHECK(*sbl__hit_find(&b, &points[i].at, NULL) == (uint32_t)i + 1 &&
-                  fabs((double)sbl__solution_share(&b, i) - (double)expected[i]) < 1e-6, "leaf %d has the share %g", i,
-              (double)sbl__solution_share(&b, i));
+                  fabs((double)sbl__solution_fraction(&b, i) - (double)expected[i]) < 1e-6,
+              "leaf %d has the fraction %g", i, (double)sbl__solution_fraction(&b, i));
     states[1].points = 0;
-    CHECK(fabs((double)sbl__solution_share(&b, 1) - 1) < 1e-6, "a leaf without points has the share %g",
-          (double)sbl__solution_share(&b, 1));
+    CHECK(fabs((double)sbl__solution_fraction(&b, 1) - 1) < 1e-6, "a leaf without points has the share %g",
+          (double)sbl__solution_fraction(&b, 1));
 }
 
 /* Stored light does not fit a scene in which the host draws in other bounds. */
@@ -855,9 +855,9 @@ TEST(settled_hits_are_skipped) {
         hits[i].leaf = (uint32_t)(i < 3 ? i : 0);
         hits[i].current = 1;  /* otherwise the prefetch of later hits would need the cells of a scene */
     }
-    CHECK(sbl__cells_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
+    CHECK(sbl__cells_queue_again(&b) == SBL__BOUNCE_ASSIGN && b.queue.count == 3 * SBL__BOUNCE_RAYS,
           "%d hits are queued", b.queue.count);
-    CHECK(sbl__cells_place(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
+    CHECK(sbl__cells_assign(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
     CHECK(sbl__hit_is_settled(&b, &hits[0], 0), "the hit in a full leaf is not settled");
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS - 1), "a hit before a cut is settled");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit after a cut is not settled");
@@ -871,7 +871,7 @@ TEST(settled_hits_are_skipped) {
     hits[0].current = 0;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a hit that is not current is settled");
     store.max_leaves = 100;
-    CHECK(sbl__cells_after_place(&b) == SBL__BOUNCE_CAST_POINTS, "no points are cast");
+    CHECK(sbl__cells_after_assign(&b) == SBL__BOUNCE_CAST_POINTS, "no points are cast");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
 }
 
@@ -885,13 +885,13 @@ TEST(further_points_do_not_count_more) {
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
     sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1, 0, 0 }, { 0, 4, 0, 0, 0, 1, 0, 0 } };
     sbl__division division;
-    sbl__spread spreads[2];
+    sbl__leaf_moments moments[2];
     sbl__leaf leaves[2];
     sbl__store store;
     sbl__leaf_found leaf_found[2];
     int i;
     memset(&division, 0, sizeof division);
-    division.spreads = spreads;
+    division.moments = moments;
     set_leaves(&b, &store, leaves, states);
     b.points = points;
     b.hits.list = hits;
@@ -904,13 +904,13 @@ TEST(further_points_do_not_count_more) {
     }
     for (states[0].points = 4; states[0].points <= MOST; states[0].points *= 4) {
         const double rays = 4 * SBL__BOUNCE_RAYS;
-        memset(spreads, 0, sizeof spreads);
+        memset(moments, 0, sizeof moments);
         for (i = 0; i < states[0].points; i++) {
-            sbl__division_spread(&b, i);
+            sbl__division_moments(&b, i);
             sbl__bright_sum_found(&b, i);
         }
-        CHECK(fabs(spreads[1].hits - rays) < 1e-6 && fabs(spreads[1].weight - rays / 4) < 1e-3,
-              "%d points: %g hits, weight %g", states[0].points, spreads[1].hits, spreads[1].weight);
+        CHECK(fabs(moments[1].hits - rays) < 1e-6 && fabs(moments[1].weight - rays / 4) < 1e-3,
+              "%d points: %g hits, weight %g", states[0].points, moments[1].hits, moments[1].weight);
         CHECK(fabs(b.found.rays - rays) < 1e-6 && fabs(b.found.light - 4 * rays) < 0.1,
               "%d points: %g rays find %g", states[0].points, b.found.rays, b.found.light);
         CHECK(fabs((double)leaf_found[1].rays - rays) < 1e-3 && fabs((double)leaf_found[1].light - 4 * rays) < 0.1,
@@ -934,7 +934,7 @@ TEST(groups_of_a_texel_add_up) {
     float first[3] = { -0.5f, 1, 0 }, second[3] = { 0.8f, -1, -1 }, third[3] = { 0.4f, 3, 0 };
     float *const parts[3] = { first, second, third };
     int k;
-    sbl__layers_share(R, parts, 3, 0);
+    sbl__groups_scale(R, parts, 3, 0);
     for (k = 0; k < 3; k++) {
         CHECK(first[k] >= 0 && second[k] >= 0 && third[k] >= 0, "colour %d: a group is negative", k);
         CHECK(fabs((double)first[k] + (double)second[k] + (double)third[k] - (double)R[k]) < 1e-6, "colour %d", k);
@@ -1111,7 +1111,7 @@ TEST(glows_cover_their_cell) {
     scene.hierarchy.order = order;
     scene.store.patches = patches;
     scene.store.cells = cells;
-    scene.store.cell_room = 128;
+    scene.store.cell_capacity = 128;
     scene.store.leaves = leaves;
     scene.store.cuts = &cut;
     scene.store.length = 1;
@@ -1251,7 +1251,7 @@ TEST(contact_lines_cut_what_they_cross) {
         CHECK(sbl__store_cut(&core.base, &store, reference, across, apart[i], 0) == SBL_SUCCESS, "no memory");
         reference = &store.cuts[0].sides[i == 0];
     }
-    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "%d cuts",
+    CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "%d cuts",
           store.cut_count);
     for (i = 0; i < 2; i++) {  /* x = 0.25 and 0.75: the line is beyond the first, and before the second */
         const uint32_t *sides = store.cuts[1 + i].sides;
@@ -1259,7 +1259,8 @@ TEST(contact_lines_cut_what_they_cross) {
         CHECK(store.cuts[3 + i].normal[1] > 0.9f && fabs((double)store.cuts[3 + i].distance - 0.5) < 1e-6, "cut %d",
               3 + i);
     }
-    CHECK(sbl__contact_part(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5, "a line cuts twice");
+    CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5,
+          "a line cuts twice");
     sbl__free(&core.base, store.cuts);
 }
 
@@ -1607,7 +1608,7 @@ TEST(groups_of_meshes_inside_out) {
     static sbl__vertices s;
     static float layer_sums[36], sums[SBL__VERTICES_SUMS];
     static double residual[9];
-    sbl__vertices_part part;
+    sbl__baked_mesh part;
     uint32_t corners[3] = { 0, 1, 2 };
     int neighbours[3], i;
     memset(&part, 0, sizeof part);
@@ -1705,7 +1706,7 @@ TEST(cuts_lead_on) {
 
 /* A lamp belongs to the light group of its material, of the sky, or of its light; a glow to none. */
 TEST(lamps_have_the_group_of_their_source) {
-    static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_DISTANT_LIGHT,
+    static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_LOCAL_LIGHT, SBL__LAMP_DISTANT_LIGHT,
                                        SBL__LAMP_SKY_TEXEL, SBL__LAMP_GLOW };
     static const uint32_t expected[5] = { 7, 3, 3, 5, 0 };
     static sbl__lamp_trees l;
