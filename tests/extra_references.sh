@@ -63,7 +63,7 @@ against direct_light_half_a_percent cornell_box direct 1 0.0085 0.001 --error 0.
 against direct_light_rasterised cornell_box direct 1 0.014 0.0015 --backend raster --sensor-size 64
 against ambient_light_default_settings cornell_box ambient 1 0.018 0.001
 against many_lamps staircase2 direct 4 0.012 0.0015
-against windows living-room direct 4 0.07 0.004
+against windows living-room direct 4 0.07 0.004 --error 8%
 
 # rays SCENE: tests traced sensors in a room (see extra_trace.c)
 rays() {
