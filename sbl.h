@@ -3059,11 +3059,11 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
-#define SBL__PATCH_SHORT 16u        /* flag of a patch word: the cell is for rays shorter than 1 / SHORT_PART of the
+#define SBL__PATCH_SHORT 16u       /* flag of a patch word: the cell is for rays shorter than 1 / SHORT_PART of the
                                       length of a level-0 cell */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
 #define SBL__PATCH_SHIFT 7         /* the index of a patch word's patch is word >> this */
-#define SBL__SHORT_PART 2           /* see SBL__PATCH_SHORT */
+#define SBL__SHORT_PART 2          /* see SBL__PATCH_SHORT */
 #define SBL__BUCKET_TRIES 64       /* maximum number of buckets that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: the reference leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* maximum number of cuts between a cell and a leaf */
@@ -3133,7 +3133,7 @@ typedef struct sbl__record {
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
-#define SBL__STRONG 0.2f                /* A surface shines if it has a lobe whose reflectance along the normal exceeds
+#define SBL__STRONG 0.2f               /* A surface shines if it has a lobe whose reflectance along the normal exceeds
                                           this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
                                           gloss */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
@@ -7934,7 +7934,7 @@ typedef struct sbl__store {
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_bucket *cells;     /* buckets of the hash grid, including free ones */
-    int cell_capacity;             /* number of buckets: a power of two, or 0 if `cells` is NULL */
+    int cell_capacity;         /* number of buckets: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     float *layers;             /* per leaf and light group: the part of R that the group causes, as 3 floats; NULL: the
@@ -8099,9 +8099,9 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
 /* >>store: patches. Triangles of a mesh are joined at edges with equal positions, if the angle between them is
    small. */
 
-#define SBL__PATCH_SMOOTH 0.8   /* smallest cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_SMOOTH 0.8          /* smallest cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_FLAT_COSINE 0.9999  /* smallest cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* sbl__patching.least is this * pool * (area of a level-0 cell with growth 1) */
+#define SBL__PATCH_LEAST 0.25          /* sbl__patching.least is this * pool * (area of a level-0 cell with growth 1) */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
@@ -9736,7 +9736,7 @@ typedef struct sbl__window {
                                    also refined if they are at most their own size away from the window */
 } sbl__window;
 
-#define SBL__WINDOW_BORDER_TILES 2     /* rings of a window with a price */
+#define SBL__WINDOW_BORDER_TILES 2  /* sbl__window.rings of a window with a price */
 
 #define SBL__WINDOW_REACH 2     /* maximum distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
                                    resolve.glsl */
@@ -9841,7 +9841,7 @@ static int sbl__window_refines(const sbl__window *w, const int from[2], const in
 #define SBL__ATLAS_INSET_MOST 0.01
 #define SBL__ATLAS_SHARP 0.49   /* an edge is sharp if the cosine of the angle between its triangles' normals is less:
                                    60.7 degrees, so that pipes of six sides have no sharp edges */
-#define SBL__ATLAS_MARK_STEPS 3     /* number of triangles over which the marks of sharp edges spread */
+#define SBL__ATLAS_MARK_STEPS 3 /* number of triangles over which the marks of sharp edges spread */
 
 /* The stages up to MARK_END find facets, the others draw. */
 #define SBL__ATLAS_STAGES(X) \
@@ -10494,7 +10494,7 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_NEAREST 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
+#define SBL__DEPTH_NEAREST 1e-6    /* perspective: points nearer than this * the scene's extent all have depth 1 */
 #define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows. A draw covers at most a band, because triangles may be
                                       large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle in addition to its pixels, in pixels */
@@ -14006,7 +14006,8 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
-"// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on\n",
+"// SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share\n",
+"// the rays that go on\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -14607,8 +14608,9 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__READ_ROWS 16          /* maximum number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, while their cost is unknown */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_FRACTION 0.02f   /* a site gets a stuck test if the back_share of its first look exceeds this */
-#define SBL__STUCK_FRACTION 0.75f     /* a sensor is stuck if its stuck test hits at less than this * its offset */
+#define SBL__SUSPECT_FRACTION 0.02f /* if the back_share of a site's first look exceeds this, a stuck test of the site
+                                       follows */
+#define SBL__STUCK_FRACTION 0.75f  /* a sensor is stuck if its stuck test hits at less than this * its offset */
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
 #define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one ray towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
@@ -15585,7 +15587,7 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     float *layers;                   /* with light groups: per point, for each group 3 floats, the part of `light`; then
                                         for each group 3 floats, the part of `shine` */
-    int layer_capacity;                  /* capacity of `layers`, in points */
+    int layer_capacity;              /* capacity of `layers`, in points */
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
@@ -15619,7 +15621,7 @@ typedef struct sbl__bounce {
     int sample_small;                /* 1: small triangles get surface samples, too, see SBL__BOUNCE_SMALL_SAMPLES. Set
                                         when few leaves reflect light, since the light may be in a small room of a large
                                         scene */
-    int samples_assigned;              /* 1: the surface samples have been queued as hits that may become points */
+    int samples_assigned;            /* 1: the surface samples have been queued as hits that may become points */
     int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     double needed_growth;            /* estimated factor by which the cells' area must grow, because no leaf is left for
@@ -15691,7 +15693,8 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
-"// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl\n",
+"// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that go\n",
+"// on, see trace.glsl\n",
 "#ifdef SBL_COMPUTE\n",
 "#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)\n",
 "#else\n",
@@ -17278,7 +17281,7 @@ static int sbl__solution_grouped_leaves(void *work) {
    rest. */
 
 #define SBL__BOUNCE_POINTS_MOST 32 /* maximum number of points of a leaf after rounds of division */
-#define SBL__DIVIDE_FRACTION 0.15     /* maximum number of leaves that a round divides, as a fraction of all leaves */
+#define SBL__DIVIDE_FRACTION 0.15  /* maximum number of leaves that a round divides, as a fraction of all leaves */
 #define SBL__DIVIDE_FILL 0.85      /* leaves are divided up to this fill */
 #define SBL__DIVIDE_HITS 8.0       /* a leaf is divided or gets further points only if at least this many rays hit it */
 #define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read has
@@ -17304,7 +17307,7 @@ typedef struct sbl__leaf_moments {
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 typedef struct sbl__division {
-    sbl__leaf_moments *moments;            /* one per leaf */
+    sbl__leaf_moments *moments;      /* one element per leaf */
     sbl__region *regions;            /* one element per bucket of the hash grid; regions that share a bucket count as
                                         one */
     sbl__region all;                 /* sums over the points of all regions */
@@ -17703,8 +17706,8 @@ static int sbl__bright_after_glow(void *work) {
    point. While this room works, leaves hold noise in place of their light. At the end, it restores their light and adds
    their uncertainty. */
 
-#define SBL__UNCERTAINTY_ITERATIONS 6  /* number of rounds that propagate the noise of leaves, see
-                                      sbl__uncertainty_after_noise */
+#define SBL__UNCERTAINTY_ITERATIONS 6  /* number of times that the noise of leaves is sent on along rays, see
+                                          sbl__uncertainty_after_noise */
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, because rays have
                                          low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
@@ -19805,7 +19808,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
                                            also sbl__tile_parent_weight */
 #define SBL__MAX_ROUNDS 40              /* after this many rounds, only necessary splits are bought */
 #define SBL__GOAL_BELOW 0.9             /* a round aims at this * the squared target error */
-#define SBL__GOAL_FRACTION 0.6             /* a round does not aim below this * the present squared error, since new
+#define SBL__GOAL_FRACTION 0.6          /* a round does not aim below this * the present squared error, since new
                                            readings may change what is worth buying */
 #define SBL__GOAL_REST 1.1              /* a round does not aim below this * the squared error that neither looks nor
                                            splits can remove. Without this limit, a few pixels that cannot improve would
@@ -21094,7 +21097,7 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 #define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this * the light of the brighter
                                      side */
 #define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends to which an edge is compared */
-#define SBL__SEAM_SOLUTIONS 4        /* maximum number of solutions per layer */
+#define SBL__SEAM_SOLUTIONS 4     /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-8  /* sbl__solver.precision2. 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
 /* A point of a seam. Entries 0 to 3 are for its position A in the map, 4 to 7 for B; the weights of B are negative.
@@ -21662,7 +21665,7 @@ typedef struct sbl__map {
                                    and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
 
-#define SBL__MAP_R_DONE 0.55f      /* progress that a picture has made when R is measured, if reflections follow */
+#define SBL__MAP_R_DONE 0.55f     /* progress that a picture has made when R is measured, if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_TYPICAL 30000.0  /* typical time of refinement: this * sqrt(number of pixels) * mean time of one ray of
@@ -22885,7 +22888,7 @@ enum { SBL__LIGHTMAP_LAST_OF_MAP = SBL__MAP_END - 1, SBL__LIGHTMAP_STAGES(SBL__S
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, closed_seams;     /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
+    int gutter, closed_seams;   /* width of gutters in texels; 1: seams are evened out, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
@@ -24203,7 +24206,8 @@ static const sbl__front_end sbl__vertices_front_end = {
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
 #define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube. A normal on a latitude has one look,
                                       because the harmonics average many normals */
-#define SBL__PROBE_LAMP_DIVISOR 64   /* a look of HEMISPHERES sends options.rays / this rays to lamps */
+#define SBL__PROBE_LAMP_DIVISOR 64 /* a look of HEMISPHERES sends options.rays / SBL__PROBE_LAMP_DIVISOR rays to lamps,
+                                      but no fewer and no more than the next two limits */
 #define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of HEMISPHERES sends to lamps: twice the number
                                       that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
 #define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */

@@ -5,7 +5,8 @@
 SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
-// SBL_POOLED: a workgroup casts SBL_CAST_POOL rays, and then shares those that go on, see trace.glsl
+// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that go
+// on, see trace.glsl
 #ifdef SBL_COMPUTE
 #define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)
 #else

@@ -12,7 +12,8 @@ uniform bool no_light;                // true: rays cannot find light, so only a
 uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
-// SBL_POOLED: a workgroup traces the first segments of all its rays, and then shares the rays that go on
+// SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share
+// the rays that go on
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)

@@ -254,6 +254,16 @@ TEST(shiny_materials_follow_their_formulas) {
 
 static const sbl_material black[MATERIALS];
 
+/* What draws a picture of two pixels: a target, and a G-buffer of which all textures hold ones, except the ids. */
+typedef struct two_pixels {
+    sbl__visit visit;
+    sbl__texture textures[5];  /* those of the target, of the ids and of ones, and up to two of the caller */
+    sbl__target target;
+    sbl__gbuffer g;
+} two_pixels;
+
+enum { OUT, IDS, ONES, FIRST };
+
 /* Makes a texture of two texels. values: four numbers per texel, or two integers */
 static sbl_result two_texels(sbl__texture *t, unsigned format, const void *values) {
     const sbl__device *d = &context->core.device;
@@ -261,54 +271,64 @@ static sbl_result two_texels(sbl__texture *t, unsigned format, const void *value
     return result == SBL_SUCCESS ? sbl__texture_write(d, t, 0, 1, values) : result;
 }
 
-/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
-static sbl_result compose(float out[2][4]) {
-    static const float albedo[8] = { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 };
-    static const float one[8] = { 1, 1, 1, 1, 1, 1, 1, 1 }, lobe[8] = { -1, -1, -1, 1, 3, 3, 3, 1 };
+/* Makes the textures, of which those from FIRST on hold `values`. two_pixels_end must follow, even after an error. */
+static sbl_result two_pixels_begin(two_pixels *p, const float (*values)[8], int count) {
+    static const float ones[8] = { 1, 1, 1, 1, 1, 1, 1, 1 };
     static const uint32_t ids[2] = { 1, 1 };
     sbl__device *d = &context->core.device;
-    sbl__texture textures[6];
-    sbl__gbuffer g;
-    sbl__camera camera;
-    sbl__target target;
-    sbl__resolve r;
-    sbl__visit visit;
-    const int rows[2] = { 0, 1 };
     sbl_result result;
     int i;
-    memset(textures, 0, sizeof textures);
-    memset(&g, 0, sizeof g);
+    memset(p, 0, sizeof *p);
+    sbl__visit_enter(context, &p->visit);
+    result = sbl__texture_make(d, &p->textures[OUT], 2, 1, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &p->target, p->textures, 1, NULL);
+    if (result == SBL_SUCCESS) result = two_texels(&p->textures[IDS], SBL__GL_R32UI, ids);
+    if (result == SBL_SUCCESS) result = two_texels(&p->textures[ONES], SBL__GL_RGBA32F, ones);
+    for (i = 0; i < count && result == SBL_SUCCESS; i++)
+        result = two_texels(&p->textures[FIRST + i], SBL__GL_RGBA32F, values[i]);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) p->g.textures[i] = p->textures[i == SBL__GBUFFER_ID ? IDS : ONES];
+    return result;
+}
+
+/* Reads the pixels if `result` is SBL_SUCCESS, and deletes everything. Returns the first error. */
+static sbl_result two_pixels_end(two_pixels *p, sbl_result result, float out[2][4]) {
+    sbl__device *d = &context->core.device;
+    int i;
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &p->target, 0, 0, 1, out[0]);
+    sbl__target_delete(d, &p->target);
+    for (i = 0; i < FIRST + 2; i++) sbl__texture_delete(d, &p->textures[i]);
+    sbl__visit_leave(context, &p->visit);
+    return result;
+}
+
+static const int two_pixels_rows[2] = { 0, 1 };
+
+/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
+static sbl_result compose(float out[2][4]) {
+    static const float values[2][8] = { { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 },  /* albedo */
+                                        { -1, -1, -1, 1, 3, 3, 3, 1 } };               /* light in the lobe */
+    two_pixels p;
+    sbl__camera camera;
+    sbl__resolve r;
+    sbl_result result = two_pixels_begin(&p, values, 2);
     memset(&camera, 0, sizeof camera);
-    memset(&target, 0, sizeof target);
     memset(&r, 0, sizeof r);
     camera.whole[0] = camera.whole[1] = camera.orthographic = 1;
     camera.whole_to_clip[0] = camera.whole_to_clip[5] = 1;
-    sbl__visit_enter(context, &visit);
-    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, albedo);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, one);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_RGBA32F, lobe);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[4], SBL__GL_R32UI, ids);
-    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 4 : 2];
-    g.textures[SBL__GBUFFER_ALBEDO] = textures[1];
-    r.centres = r.sample = &g;
-    r.emission = r.radiance = r.previous = &textures[2];
-    r.reflected = &textures[3];
+    p.g.textures[SBL__GBUFFER_ALBEDO] = p.textures[FIRST];
+    r.centres = r.sample = &p.g;
+    r.emission = r.radiance = r.previous = &p.textures[ONES];
+    r.reflected = &p.textures[FIRST + 1];
     r.environment = &context->core.scene.environment;
     r.camera = &camera;
     r.count = 1;
     r.backdrop = black[0].albedo;
-    if (result == SBL_SUCCESS) result = sbl__resolve_draw(d, &r, &target, rows);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
-    sbl__target_delete(d, &target);
-    for (i = 0; i < 6; i++) sbl__texture_delete(d, &textures[i]);
-    sbl__visit_leave(context, &visit);
-    return result;
+    if (result == SBL_SUCCESS) result = sbl__resolve_draw(&context->core.device, &r, &p.target, two_pixels_rows);
+    return two_pixels_end(&p, result, out);
 }
 
-/* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make this light negative; it then counts
-   as 0. */
+/* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make the light in the lobe negative;
+   negative light counts as 0. */
 TEST(lobes_take_no_light_away) {
     float out[2][4];
     sbl_result result;
@@ -323,38 +343,18 @@ TEST(lobes_take_no_light_away) {
 
 /* Filters a layer of two pixels, which are 0 and 8, with R of 4 in both. */
 static sbl_result smooth(int is_group, float out[2][4]) {
-    static const float whole[8] = { 4, 4, 4, 1e-3f, 4, 4, 4, 1e-3f }, layer[8] = { 0, 0, 0, 0, 8, 8, 8, 0 };
-    static const uint32_t ids[2] = { 1, 1 };
-    sbl__device *d = &context->core.device;
-    sbl__texture textures[4];
-    sbl__gbuffer g;
-    sbl__target target;
+    static const float values[2][8] = { { 4, 4, 4, 1e-3f, 4, 4, 4, 1e-3f }, { 0, 0, 0, 0, 8, 8, 8, 0 } };
+    two_pixels p;
     sbl__filter f;
-    sbl__visit visit;
-    const int rows[2] = { 0, 1 };
-    sbl_result result;
-    int i;
-    memset(textures, 0, sizeof textures);
-    memset(&g, 0, sizeof g);
-    memset(&target, 0, sizeof target);
+    sbl_result result = two_pixels_begin(&p, values, 2);
     memset(&f, 0, sizeof f);
-    sbl__visit_enter(context, &visit);
-    result = sbl__texture_make(d, &textures[0], 2, 1, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 1, NULL);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[1], SBL__GL_RGBA32F, whole);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[2], SBL__GL_RGBA32F, layer);
-    if (result == SBL_SUCCESS) result = two_texels(&textures[3], SBL__GL_R32UI, ids);
-    for (i = 0; i < SBL__GBUFFER_COUNT; i++) g.textures[i] = textures[i == SBL__GBUFFER_ID ? 3 : 1];
     f.radius = 2;
-    f.radiance = &textures[1];
-    f.layer = &textures[2];
+    f.radiance = &p.textures[FIRST];
+    f.layer = &p.textures[FIRST + 1];
     f.is_group = is_group;
-    if (result == SBL_SUCCESS) result = sbl__filter_draw(d, &f, &g, &target, rows);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &target, 0, 0, 1, out[0]);
-    sbl__target_delete(d, &target);
-    for (i = 0; i < 4; i++) sbl__texture_delete(d, &textures[i]);
-    sbl__visit_leave(context, &visit);
-    return result;
+    if (result == SBL_SUCCESS)
+        result = sbl__filter_draw(&context->core.device, &f, &p.g, &p.target, two_pixels_rows);
+    return two_pixels_end(&p, result, out);
 }
 
 /* A light group is filtered with the weights of R: by the Gaussian alone where R is equal. A harmonic keeps a

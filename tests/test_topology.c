@@ -1947,9 +1947,9 @@ TEST(pixels_of_all_kinds_are_read) {
     }
 }
 
-/* The axes of a sky are a turned right-handed frame whose second axis points up. The middle of the picture is the
-   direction of its first axis, and a quarter further is that of its third. Without rotation, the axes are turned by the
-   shortest way. */
+/* The axes of a sky form a right-handed frame whose second axis points up. The middle of the sky picture lies in the
+   direction of the first axis, and the middle of its right half in the direction of the third axis. Without a rotation,
+   the frame is turned by the smallest angle that makes the second axis point up. */
 TEST(skies_are_turned) {
     static const float ups[5][3] = { { 0, 0, 0 }, { 0, 1, 0 }, { 2, 1, -2 }, { -0.3f, -3, 0.4f }, { 0, -1, 0 } };
     int i, k;
