@@ -15451,7 +15451,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
        >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
-       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows, again from SITES on
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SITES -> LIGHT (>>solution) -> CORRECT ->
+                           GLOW, then again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
        >>storing           LAMPS -> SEND -> AIR */
 
@@ -15517,6 +15518,9 @@ typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } s
 
 enum { SBL__BRIGHT_AFAR = 1, SBL__BRIGHT };
 
+/* The points at which the light of glows is measured */
+enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_ON_GLOWS, SBL__GLOWS_EVERYWHERE };
+
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
     int points;        /* number of points */
@@ -15558,6 +15562,7 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bright_sum_found, sbl__solution_points, NULL) \
     X(SBL__BOUNCE_CHOOSE, sbl__bright_make_list, NULL, NULL, NULL) \
     X(SBL__BOUNCE_GLOW, sbl__bright_glow, NULL, NULL, sbl__bright_after_glow) \
+    X(SBL__BOUNCE_CORRECT, NULL, sbl__bright_correct, sbl__solution_leaves, sbl__bright_after_correct) \
     X(SBL__BOUNCE_NOISE, NULL, sbl__uncertainty_noise, sbl__solution_leaves, sbl__uncertainty_after_noise) \
     X(SBL__BOUNCE_PROPAGATE, NULL, sbl__solution_gather, sbl__solution_leaves, sbl__uncertainty_after_propagate) \
     X(SBL__BOUNCE_UNCERTAINTY, NULL, sbl__uncertainty_leaf, sbl__solution_leaves, sbl__uncertainty_after_uncertainty) \
@@ -15591,8 +15596,9 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
-    int glows;                       /* 1: a job measures the light of glows at all points, so that the points' rays
-                                        skip bright leaves, and the light of bright leaves is fixed */
+    int glows;                       /* SBL__GLOWS_ON_GLOWS: a job measures the light of glows at the points of bright
+                                        leaves. SBL__GLOWS_EVERYWHERE: at all points, and the light of bright leaves is
+                                        fixed. In both cases, the points' rays skip bright leaves */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
 
@@ -15660,6 +15666,7 @@ typedef struct sbl__bounce {
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     int rounds;                      /* number of rounds of the solution so far */
+    int corrected;                   /* number of sites whose readings the stage CORRECT has used */
 
     /* division of cells, see >>division and >>bright */
     struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
@@ -16737,6 +16744,7 @@ static int sbl__contacts_after_cuts(void *work) {
 
 #define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
 #define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
+#define SBL__BOUNCE_CORRECT_RAYS 32  /* the same for points of bright leaves, when the light of these is corrected */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
 #define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
                                       is multiplied by one factor per channel, which speeds up convergence */
@@ -16864,12 +16872,14 @@ static int sbl__point_is_suspect(const sbl__bounce *b, int point) {
     return hit < end;
 }
 
-/* Adds a site for a point whose light is not measured, or for each point if glows are measured. */
+/* Adds a site for a point whose light is not measured or, if glows are measured, for each point at which b->glows
+   requires it. */
 static sbl_result sbl__solution_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hit = &b->points[at].at;
     sbl__site *site;
     if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
+    if (b->glows == SBL__GLOWS_ON_GLOWS && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
     site = &b->sites[b->site_count++];
     memset(site, 0, sizeof *site);
     memcpy(site->position, hit->position, sizeof site->position);
@@ -16881,8 +16891,8 @@ static sbl_result sbl__solution_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, if b->glows is 1, only
-   from glows; SBL_MODE_GI: it measures all light */
+/* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, if b->glows is not 0,
+   only from glows; SBL_MODE_GI: it measures all light */
 static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -16902,7 +16912,7 @@ static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
     }
     if (direct && b->glows) {
         task.spec.glows = 1;  /* the first job has found out which points are stuck */
-        task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
+        task.spec.lamp_rays = b->glows == SBL__GLOWS_ON_GLOWS ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
     task.readings = b->readings;
@@ -16922,11 +16932,13 @@ static int sbl__solution_after_sites(void *work) {
     return SBL__BOUNCE_LIGHT;
 }
 
-/* Stores the light measured at each site in its point. Adds the light of glows to that of other lamps. */
+/* Stores the light measured at each site in its point. Adds the light of glows to that of other lamps. Leaves the
+   readings to CORRECT if only bright leaves have sites. */
 static int sbl__solution_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     int i, k;
+    if (b->glows == SBL__GLOWS_ON_GLOWS) return SBL__BOUNCE_CORRECT;
     for (i = 0; i < b->site_count; i++) {
         sbl__bounce_point *point = &b->points[b->sites[i].number];
         const sbl_reading *r = &b->readings[i];
@@ -17507,9 +17519,7 @@ static int sbl__division_after_sort(void *work) {
                                       fill more of the view, such as the gap above a lamp */
 #define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than this
                                       * (mean R)^2: bounced light is smooth, or weak beside the light of lamps */
-#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this fraction of the rays' variance would remain.
-                                      With 0.75, rooms with lamps in bowls and tubes were 2 to 7 % brighter and wrong:
-                                      the points of such leaves lie where rays from nearby surfaces hit */
+#define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this fraction of the rays' variance would remain */
 
 /* A leaf that may become bright. light: luminance of its radiance, mean over the rays that hit it; hits: number of
    these rays. Both are weighted like the sums in sbl__bounce.found. */
@@ -17683,12 +17693,14 @@ static sbl_result sbl__bright_glow(void *work, sbl__slice *slice) {
     return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
-/* Returns SITES, to measure the light of glows at all points, or NOISE if the scene has no glows. This light replaces
-   the light that the points' rays find on bright leaves, because too few of these rays hit them. */
+/* Returns SITES, to measure the light of glows, first at the points of bright leaves, then at all points; or NOISE if
+   the scene has no glows. This light replaces the light that the points' rays find on bright leaves, because too few of
+   these rays hit them. */
 static int sbl__bright_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
-    b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
+    b->glows = !b->core->scene.bright.ready || !b->core->scene.bright.glow_count ? SBL__GLOWS_NOWHERE
+             : b->glows ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_ON_GLOWS;
     for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
@@ -17697,6 +17709,40 @@ static int sbl__bright_after_glow(void *work) {
                                                    without its sign, which sbl__uncertainty_leaf sets again. */
         b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
+}
+
+/* Computes the light of a bright leaf again, from the light of glows that was measured at its points. The leaf was
+   chosen by an estimate from few rays. Leaves whose rays hit another bright leaf more often than expected are chosen
+   more often; without this correction, the mean light of all chosen leaves would be too high. */
+static sbl_result sbl__bright_correct(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__bounce_leaf *state = &b->states[at];
+    double sum[3] = { 0, 0, 0 }, light[3];
+    int i, k, count = 0;
+    if (at == 0) b->corrected = 0;
+    if (state->bright != SBL__BRIGHT) return SBL_SUCCESS;
+    for (i = state->first; i < state->first + state->points; i++) {
+        const sbl_reading *r = &b->readings[b->corrected++];
+        if (!b->points[i].valid || !r->valid) continue;
+        sbl__point_light(b, i, light);
+        for (k = 0; k < 3; k++) sum[k] += light[k] + (double)r->radiance[k];
+        count++;
+    }
+    for (k = 0; k < 3 && count; k++)
+        b->store->leaves[at].light[k] = (float)SBL__MIN(sum[k] / count, (double)SBL__BOUNCE_MOST);
+    return SBL_SUCCESS;
+}
+
+/* Marks the bright leaves again, and drops the glows, which still have the light that these leaves had before. */
+static int sbl__bright_after_correct(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) {
+        float *light = b->store->leaves[i].light;
+        if (b->states[i].bright == SBL__BRIGHT) light[0] = -light[0];
+    }
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_GLOW;
 }
 
 /* ====================================================================================================== >>uncertainty

@@ -1680,6 +1680,66 @@ TEST(near_hits_find_glows) {
     scene_free(&s);
 }
 
+/* Returns R on the floor y = 0 from the patch of bright_leaves_are_right_on_average, at the height `up`. */
+static double floor_below_patch(double half, double up, double x, double z) {
+    enum { STEPS = 12 };
+    double sum = 0;
+    int i;
+    for (i = 0; i < STEPS * STEPS; i++) {
+        const double px = half * (2 * (i % STEPS + 0.5) / STEPS - 1), pz = half * (2 * (i / STEPS + 0.5) / STEPS - 1);
+        const double to_spot2 = px * px + pz * pz + up * up / 4, dx = px - x, dz = pz - z;
+        const double radiance = 0.8 * 50 / TEST_PI * (up / 2) / (to_spot2 * sqrt(to_spot2));
+        const double d2 = dx * dx + dz * dz + up * up;
+        sum += radiance * up * up / (TEST_PI * d2 * d2) * (4 * half * half / (STEPS * STEPS));
+    }
+    return sum;
+}
+
+/* A spot lights a small patch above a white floor, and the patch alone lights the floor. The rays of a black ceiling find
+   the whole floor. Few rays of the floor's points hit the patch. The leaves of the floor that are bright must not keep the light of such rays by chance: those
+   whose rays hit the patch too often are bright, too, so that the whole floor would be too bright. */
+TEST(bright_leaves_are_right_on_average) {
+    enum { STEPS = 400 };
+    const double half = 0.08, up = 0.5, side = 4;
+    static double floor_light[STEPS * STEPS];
+    double sum = 0, expected = 0;
+    test_scene s = { 0 };
+    sbl_light *spot = scene_light(&s, SBL_LIGHT_SPOT, 50, 50, 50);
+    const int white = scene_material(&s, 0.8f, 0.8f, 0.8f);
+    int i, k;
+    spot->position[1] = (float)(up / 2);
+    spot->direction[1] = 1;
+    spot->cone = 60;
+    spot->inner_cone = 59;
+    scene_quad(&s, white, -(float)half, (float)up, -(float)half, (float)half, (float)up, -(float)half, (float)half,
+               (float)up, (float)half, -(float)half, (float)up, (float)half);
+    scene_quad(&s, white, -2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2);
+    scene_quad(&s, scene_material(&s, 0, 0, 0), -3, 2, -3, 3, 2, -3, 3, 2, 3, -3, 2, 3);
+    site_count = 0;
+    for (i = 0; i < 8; i++) add_site(1.2 * cos(i), 1.5, 1.2 * sin(i), 0, -1, 0, 1);
+    for (i = 0; i < STEPS * STEPS; i++)
+        floor_light[i] = floor_below_patch(half, up, side * ((i % STEPS + 0.5) / STEPS - 0.5),
+                                           side * ((i / STEPS + 0.5) / STEPS - 0.5));
+    if (use_scene(&s, 32768) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 4096)) {
+        for (k = 0; k < site_count; k++) {
+            sum += (double)readings[k].radiance[1];
+            for (i = 0; i < STEPS * STEPS; i++) {
+                const double x = side * ((i % STEPS + 0.5) / STEPS - 0.5) - (double)sites[k].position[0];
+                const double z = side * ((i / STEPS + 0.5) / STEPS - 0.5) - (double)sites[k].position[2];
+                const double y = (double)sites[k].position[1], d2 = x * x + y * y + z * z, t = 1 - up / y;
+                const double px = (double)sites[k].position[0] + t * x, pz = (double)sites[k].position[2] + t * z;
+                if (fabs(px) < half && fabs(pz) < half) continue;  /* the patch hides this part of the floor */
+                expected += 0.8 * floor_light[i] * y * y / (TEST_PI * d2 * d2) * side * side / (STEPS * STEPS);
+            }
+        }
+        printf("  light above the floor: %.5f, expected %.5f; %d glows\n", sum / site_count, expected / site_count,
+               inside_glow_count(context));
+        CHECK(inside_glow_count(context) > 0, "nothing has made a glow");
+        CHECK(fabs(sum / expected - 1) < 0.05, "R is %.1f %% of the expected one", 100 * sum / expected);
+    }
+    scene_free(&s);
+}
+
 /* A lamp lights a floor under a black sky. The floor is far brighter than the mean of the light that rays find, because
    most rays hit nothing. It must not become a glow, because its reflected light is weak compared with the lamp. */
 TEST(a_lit_floor_is_no_glow) {
@@ -1834,6 +1894,7 @@ int main(void) {
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);
     RUN(near_hits_find_glows);
+    RUN_UNSANITIZED(bright_leaves_are_right_on_average);
     RUN(a_lit_floor_is_no_glow);
     sbl_destroy(context);
     return test_report();

@@ -465,8 +465,8 @@ static const hash llvmpipe_15[CASES] = {
     0x0847021c63b8d9cbu,  /* probes */
     0x422e71e1efcfab69u,  /* store */
     0x5a7a13e76ffc8febu,  /* stored_picture */
-    0x5bb54391331b2151u,  /* glow_picture */
-    0x98f012369aa0d71eu  /* stored_lightmap */
+    0x599e38db4160af32u,  /* glow_picture */
+    0x280cf93d808928b8u  /* stored_lightmap */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 
