@@ -2122,7 +2122,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a position where light is measured: in a leaf or on a triangle
-   ring                                                 things equally many steps away from those that have values
+   ring                                                 pixels equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
@@ -3038,7 +3038,7 @@ typedef struct sbl__record {
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
 #define SBL__STACK 64              /* capacity of the stack that a ray uses to traverse the hierarchy, in references */
 #define SBL__LAMPS 256             /* maximum number of lamps plus clusters that lamps.glsl lists for a look */
-#define SBL__LAMP_PASSES 8         /* lamps.glsl traces each part of a look's rays in at most this many passes */
+#define SBL__LAMP_PASSES 8         /* an invocation of lamps.glsl traces its rays in at most this many passes */
 #define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of a texture's kind; a kind of 0 means that the texture does not exist */
@@ -5211,24 +5211,25 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread over a grid (of pixels or texels) from the things that have one. Ring 0 holds the
-   things that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The value
-   of a thing is computed from its neighbours in earlier rings. */
+/* >>topology: rings. Values spread over a grid from the elements (pixels or texels) that have one. Ring 0 holds the
+   elements that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The
+   value of an element is computed from its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)  /* instead of a ring: it is not known yet */
 
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: `thing` must not pass its value to `other`; `mean`
-                                                               must test this, too. NULL: always 1 */
-    void (*mean)(void *user, int thing);  /* sets a thing's value from neighbours that sbl__ring_reached accepts */
-    int count;          /* number of things */
-    int width;          /* things per row of the grid */
+    int (*joined)(const void *user, int element, int other);  /* 0: `element` must not pass its value to `other`; `mean`
+                                                                 must test this, too. NULL: always 1 */
+    void (*mean)(void *user, int element);  /* sets an element's value to the mean of the neighbours that
+                                               sbl__ring_reached accepts */
+    int count;          /* number of elements */
+    int width;          /* elements per row of the grid */
     int last;           /* index of the last ring to compute */
-    int *ring;          /* ring of each thing; SBL__RING_WAITS: not yet known */
-    int *queue;         /* things of rings 1 .. last, in the order of the rings; same block of memory as `ring` */
-    int queued;         /* number of things added to the queue so far */
+    int *ring;          /* ring of each element; SBL__RING_WAITS: not yet known */
+    int *queue;         /* elements of rings 1 .. last, in the order of the rings; same block of memory as `ring` */
+    int queued;         /* number of elements added to the queue so far */
     int number;         /* index of the ring that is being computed */
 } sbl__rings;
 
@@ -5238,8 +5239,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
 }
 
 /* Sets r->count, and allocates r->ring, filled with SBL__RING_WAITS. The caller sets user, joined, mean, width and
-   last; then it sets r->ring to 0 for each thing that has a value. waiting: maximum number of other things that get a
-   value */
+   last; then it sets r->ring to 0 for each element that has a value. waiting: maximum number of other elements that get
+   a value */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int waiting) {
     r->count = count;
     r->ring = (int *)sbl__alloc_raw(base, (size_t)count + (size_t)waiting, sizeof *r->ring);
@@ -5249,56 +5250,57 @@ static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int
     return SBL_SUCCESS;
 }
 
-static int sbl__ring_reached(const sbl__rings *r, int thing) {
-    return r->ring[thing] >= 0 && r->ring[thing] < r->number;
+static int sbl__ring_reached(const sbl__rings *r, int element) {
+    return r->ring[element] >= 0 && r->ring[element] < r->number;
 }
 
-/* Returns the next thing of the 3 x 3 block around a thing (itself included), row by row, or -1 at the end. Skips
-   positions outside the grid. *place: 0 before the first call */
-static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
-    while (*place < 9) {
-        const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
-        ++*place;
+/* Returns the next element of the 3 x 3 block around an element (itself included), row by row, or -1 at the end. Skips
+   positions outside the grid. *step: number of positions visited so far; 0 before the first call */
+static int sbl__ring_grid(const sbl__rings *r, int element, size_t *step) {
+    while (*step < 9) {
+        const int x = element % r->width + (int)(*step % 3) - 1, y = element / r->width + (int)(*step / 3) - 1;
+        ++*step;
         if (x >= 0 && y >= 0 && x < r->width && y < r->count / r->width) return y * r->width + x;
     }
     return -1;
 }
 
-/* Queues the waiting neighbours of a thing that `joined` accepts, as the next ring. Does nothing in the last ring. */
-static void sbl__ring_queue_neighbours(sbl__rings *r, int thing) {
-    size_t place = 0;
+/* Queues the waiting neighbours of an element that `joined` accepts, as the next ring. Does nothing in the last
+   ring. */
+static void sbl__ring_queue_neighbours(sbl__rings *r, int element) {
+    size_t step = 0;
     int other;
-    while (r->number < r->last && (other = sbl__ring_grid(r, thing, &place)) >= 0) {
-        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, thing, other))) continue;
+    while (r->number < r->last && (other = sbl__ring_grid(r, element, &step)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, element, other))) continue;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
 }
 
-/* Queues the neighbours of a thing of ring 0. */
-static sbl_result sbl__ring_source(void *work, int thing) {
+/* Queues the neighbours of an element of ring 0. */
+static sbl_result sbl__ring_source(void *work, int element) {
     sbl__rings *r = (sbl__rings *)work;
-    if (r->ring[thing] == 0) sbl__ring_queue_neighbours(r, thing);
+    if (r->ring[element] == 0) sbl__ring_queue_neighbours(r, element);
     return SBL_SUCCESS;
 }
 
-/* Computes the value of a queued thing, and queues its neighbours. */
+/* Computes the value of a queued element, and queues its neighbours. */
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
-    const int thing = r->queue[at];
-    r->number = r->ring[thing];
-    r->mean(r->user, thing);
-    sbl__ring_queue_neighbours(r, thing);
+    const int element = r->queue[at];
+    r->number = r->ring[element];
+    r->mean(r->user, element);
+    sbl__ring_queue_neighbours(r, element);
     return SBL_SUCCESS;
 }
 
-static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
+static int sbl__rings_elements(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
 /* Does a piece of the work. Returns SBL_SUCCESS if all rings up to r->last have values, SBL_UNFINISHED before. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, sbl__ring_source, sbl__rings_things, NULL },
+        { NULL, sbl__ring_source, sbl__rings_elements, NULL },
         { NULL, sbl__ring_next, sbl__rings_queued, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
@@ -5380,7 +5382,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
 /* Does the current stage, except SBL__SOLVER_MULTIPLY, for one channel of an unknown. i: index in the arrays */
 static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
     const double d = s->diagonal[i];
-    double preconditioned, share;
+    double preconditioned, step;
     switch (s->stages.stage) {
         case SBL__SOLVER_START:
             preconditioned = d > 0 ? s->residual[i] / d : 0;
@@ -5394,9 +5396,9 @@ static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i)
         case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
         default:
             if (!(d > 0)) break;
-            share = sum->along > 0 ? sum->power / sum->along : 0;
-            s->solution[i] += share * s->direction[i];
-            s->residual[i] -= share * s->product[i];
+            step = sum->along > 0 ? sum->power / sum->along : 0;
+            s->solution[i] += step * s->direction[i];
+            s->residual[i] -= step * s->product[i];
             preconditioned = s->residual[i] / d;
             sum->next_power += s->residual[i] * preconditioned;
             sum->left2 += preconditioned * preconditioned;
@@ -5759,8 +5761,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
 "}\n",
 "\n",
-"// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
-"float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
+"// Returns the position of a row or a column in the tables of lobes. fraction: 0 to 1 from the first to the last\n",
+"float sbl_lobe_step(float fraction) { return float(SBL_LOBE_ROWS - 1) * clamp(fraction, 0.0, 1.0); }\n",
 "\n",
 "float sbl_lobe_row(float roughness) {\n",
 "    return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));\n",
@@ -5778,8 +5780,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
 "    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
-"    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
-"    return reflectance * (share.x - share.y) + share.y;\n",
+"    vec2 albedos = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
+"    return reflectance * (albedos.x - albedos.y) + albedos.y;\n",
 "}\n",
 "\n",
 "// Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,\n",
@@ -5954,9 +5956,9 @@ static const char *const sbl__glsl_material[] = {
 "    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));\n",
 "    float reflectance = sbl_object_reflectance(object);\n",
 "    for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {\n",
-"        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
-"        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);\n",
-"        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);\n",
+"        vec2 factors = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
+"        float metallic = clamp(factors.y * sbl_object_metallic(object), 0.0, 1.0);\n",
+"        m.roughness = clamp(factors.x * sbl_object_roughness(object), 0.0, 1.0);\n",
 "        m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;\n",
 "        m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);\n",
 "        m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));\n",
@@ -6426,14 +6428,14 @@ typedef struct sbl__bvh_task {
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
 
-/* the split of a task's triangles into two parts, one for each child */
+/* The split of a task's triangles between the two children of its node */
 typedef struct sbl__bvh_split {
-    int left;                    /* number of triangles moved to the first part so far */
-    int axis, bin;               /* the last bin of the first part, and its axis; axis < 0: no split found */
+    int left;                    /* number of triangles moved to the first child so far */
+    int axis, bin;               /* the last bin of the first child, and its axis; axis < 0: no split found */
     float scale[3];              /* bins per unit of doubled centres; 0: the axis cannot be split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
-    sbl__bvh_bounds parts[2];
+    sbl__bvh_bounds children[2];
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
@@ -6511,7 +6513,7 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh_building *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
+/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first child to the front of the
    task (SBL__BVH_MOVE). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
@@ -6525,7 +6527,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_MOVE) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
-            sbl__bvh_bounds_add(&s->parts[second], box);
+            sbl__bvh_bounds_add(&s->children[second], box);
             if (second) continue;
             order[i] = order[b->task.first + s->left];
             order[b->task.first + s->left++] = number;
@@ -6658,7 +6660,7 @@ static int sbl__bvh_next_task(void *work) {
     }
     memset(s, 0, sizeof *s);
     s->axis = -1;
-    for (k = 0; k < 2; k++) s->parts[k].box = s->parts[k].centroids = sbl__box_empty;
+    for (k = 0; k < 2; k++) s->children[k].box = s->children[k].centroids = sbl__box_empty;
     for (axis = 0; axis < 3; axis++) {
         const float size = centroids->high[axis] - centroids->low[axis];
         const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
@@ -6668,7 +6670,7 @@ static int sbl__bvh_next_task(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the current task after its split. Each part becomes a leaf or a new task. */
+/* Writes the node of the current task after its split. Each child becomes a leaf or a new task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
@@ -6676,20 +6678,20 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split: uses halves. With one triangle, part 0 is empty, and no ray enters its box */
+    if (!s->left) {  /* no split: uses halves. With one triangle, child 0 is empty, and no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++)
-            sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
+            sbl__bvh_bounds_add(&s->children[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->costs[node].area = sbl__box_area(&t->bounds.box);
     b->costs[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
-        sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
-        b->costs[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        sbl__bvh_quantise(&t->grid, &s->children[side].box, child);
+        b->costs[node].sum += (double)sbl__box_area(&s->children[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -6699,7 +6701,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->count = count;
             task->depth++;
             task->child = 2 * node + side;
-            task->bounds = s->parts[side];
+            task->bounds = s->children[side];
         }
     }
     return SBL_SUCCESS;
@@ -7177,7 +7179,7 @@ typedef struct sbl__lamp_trees {  /* the lamp trees while they are built */
     struct sbl__lamps *lamps;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
     int count, room;
-    sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
+    sbl__hash_table by_corners;  /* lamps that are triangles, by the positions of their corners */
     double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
     int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
     int left, right, out;      /* indices of the next lamps of the two runs, and of the next element of `sorted` */
@@ -7215,7 +7217,7 @@ static void sbl__lamp_trees_free(const sbl__device *d, sbl__lamp_trees *l) {
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
     sbl__free(d->base, l->nodes);
-    sbl__hash_table_free(d->base, &l->places);
+    sbl__hash_table_free(d->base, &l->by_corners);
     sbl__free(d->base, l);
 }
 
@@ -7320,11 +7322,11 @@ static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *
     const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_LOCAL_LIGHT;
-    double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
+    double position[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
-    sbl__light_write(light, l->geometry->centre, &record, place);
-    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
+    sbl__light_write(light, l->geometry->centre, &record, position);
+    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, position,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
     if (light->kind != SBL_LIGHT_SPOT) return;
     for (k = 0; k < 3; k++) axis[k] = (double)light->direction[k];
@@ -7426,23 +7428,23 @@ static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     const uint32_t number = sbl__lamp_solid(l, lamp);
     uint32_t bucket = 0, found;
     int k, placed = 0;
-    if (!at && sbl__hash_table_make(l->device->base, &l->places, l->count) != SBL_SUCCESS)
+    if (!at && sbl__hash_table_make(l->device->base, &l->by_corners, l->count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
     if (number == SBL__NONE) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) bucket += sbl__hash_floats(0, sbl__triangle_corner(l->geometry, number, k), 3);
-    while ((found = sbl__bucket_next(&l->places, &bucket)) != SBL__NONE) {
-        const uint32_t place = sbl__lamp_solid(l, other = &l->list[found]);
-        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, place) ||
-            !sbl__corners_within(l->geometry, place, number)) continue;
-        if (sbl__lamp_covers(other, lamp) && (place < number || !sbl__lamp_covers(lamp, other))) {
+    while ((found = sbl__bucket_next(&l->by_corners, &bucket)) != SBL__NONE) {
+        const uint32_t twin = sbl__lamp_solid(l, other = &l->list[found]);
+        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, twin) ||
+            !sbl__corners_within(l->geometry, twin, number)) continue;
+        if (sbl__lamp_covers(other, lamp) && (twin < number || !sbl__lamp_covers(lamp, other))) {
             lamp->power = 0;
             return SBL_SUCCESS;
         }
         if (!sbl__lamp_covers(lamp, other)) continue;
         other->power = 0;
-        if (!placed++) sbl__bucket_fill(&l->places, bucket - 1, (uint32_t)at);
+        if (!placed++) sbl__bucket_fill(&l->by_corners, bucket - 1, (uint32_t)at);
     }
-    if (!placed) sbl__bucket_fill(&l->places, bucket, (uint32_t)at);
+    if (!placed) sbl__bucket_fill(&l->by_corners, bucket, (uint32_t)at);
     return SBL_SUCCESS;
 }
 
@@ -7452,7 +7454,7 @@ static int sbl__lamp_trees_compact(void *work) {
     int i, kept = 0;
     for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
     l->count = kept;
-    sbl__hash_table_free(l->device->base, &l->places);
+    sbl__hash_table_free(l->device->base, &l->by_corners);
     return l->stages.stage + 1;
 }
 
@@ -7477,8 +7479,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp)
     int k, bit;
     for (k = 0; k < 3; k++) {
         const double middle = sbl__box_middle(&lamp->bounds, k);
-        const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
-        const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
+        const double fraction = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
+        const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(fraction, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (step >> bit & 1u) << (3 * bit + k);
     }
     return curve;
@@ -7811,7 +7813,7 @@ static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
     const size_t bytes = nodes + leaves + records + glows + layers + mirrored;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    double place[3];
+    double position[3];
     int i;
     (void)slice;
     sbl__free(d->base, lamps->codes);
@@ -7829,7 +7831,7 @@ static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
             lamps->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
         for (i = 0; i < lamps->light_count; i++)
-            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], place);
+            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], position);
         if (glows) memcpy(all + nodes + leaves + records, lamps->glows, glows);
         if (layers) sbl__lamps_write_layers(lamps, (float *)(void *)(all + bytes - mirrored - layers));
         if (mirrored) memcpy(all + bytes - mirrored, lamps->mirrored, mirrored);
@@ -10083,15 +10085,15 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
 
 /* Moves a point on or close to a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
-    double distance2 = 0, share;
+    double distance2 = 0, fraction;
     int i, k;
     for (k = 0; k < 2; k++) {
         double d = 0;
         for (i = 0; i < 3; i++) d += (1 / 3.0 - weights[i]) * t->corners[i][k];
         distance2 += d * d;
     }
-    share = SBL__MIN(SBL__ATLAS_INSET / SBL__MAX(sqrt(distance2), 1e-30), SBL__ATLAS_INSET_MOST);
-    for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
+    fraction = SBL__MIN(SBL__ATLAS_INSET / SBL__MAX(sqrt(distance2), 1e-30), SBL__ATLAS_INSET_MOST);
+    for (i = 0; i < 3; i++) weights[i] += fraction * (1 / 3.0 - weights[i]);
 }
 
 /* Returns how many triangles overlap the triangle that a texel shows, at the texel's centre. A triangle of the same
@@ -10132,7 +10134,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
     const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is an integer, ATLAS_EDGE -
                                                                               n is not */
-    float shares[2];
+    float floats[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, at, i);
         a->away[i] -= 1;
@@ -10142,9 +10144,9 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    shares[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
-    shares[1] = (float)weights[2];
-    memcpy(texel + 1, shares, sizeof shares);
+    floats[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
+    floats[1] = (float)weights[2];
+    memcpy(texel + 1, floats, sizeof floats);
     texel[3] = t->chart + 1;
 }
 
@@ -10921,16 +10923,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead\n",
-"// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of\n",
-"// light that is reflected. point: uniform point in the unit square from which the direction is sampled\n",
-"vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {\n",
+"// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets weight to the fraction\n",
+"// of light that is reflected. point: uniform point in the unit square from which the direction is sampled\n",
+"vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
 "    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;\n",
 "    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);\n",
-"        mirrored = sbl_lobe_sample(l, point, share);\n",
-"        share *= s.material.opacity;\n",
+"        mirrored = sbl_lobe_sample(l, point, weight);\n",
+"        weight *= s.material.opacity;\n",
 "    }\n",
 "#endif\n",
 "    float below = dot(mirrored, s.geometric_normal);\n",
@@ -10956,13 +10958,13 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// the stored light there. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
-"    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
+"    vec3 passing = sbl_passing(s.object, s.material, cosine), weight = vec3(0);\n",
 "    pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;\n",
-"    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
-"    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);\n",
+"    if (pane && s.material.roughness >= 0.0) weight = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
+"    if (!pane && sbl_is_mirror(s.material)) weight = sbl_mirror_reflectance(s.material, cosine);\n",
 "    sbl_Leaving through = sbl_leaving(s, true, direction, passing);\n",
-"    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);\n",
-"    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);\n",
+"    vec3 mirror_direction = sbl_mirrored(s, direction, point, weight);\n",
+"    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, weight);\n",
 "    aside = mirrored;\n",
 "    if (pane) return through;\n",
 "    aside = through;\n",
@@ -10981,24 +10983,24 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
 "    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
 "    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
-"    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
+"    vec3 weight = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
 "    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
 "                 s.material.roughness < SBL_POLISHED;\n",
 "    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);\n",
-"        direction = sbl_lobe_sample(l, point, share);\n",
-"        share *= s.material.opacity * ray.weight;\n",
+"        direction = sbl_lobe_sample(l, point, weight);\n",
+"        weight *= s.material.opacity * ray.weight;\n",
 "    }\n",
 "#endif\n",
-"    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);\n",
-"    return sbl_leaving(s, false, direction, share);\n",
+"    if (dot(direction, s.geometric_normal) <= 0.0) weight = vec3(0);\n",
+"    return sbl_leaving(s, false, direction, weight);\n",
 "}\n",
 "\n",
-"// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.\n",
-"void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {\n",
-"    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);\n",
+"// Adds the stored light that the surface s reflects, times weight. number, only_diffuse: see sbl_stored_radiance\n",
+"void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 weight) {\n",
+"    vec3 light = m.throughput * weight * sbl_stored_radiance(s, number, only_diffuse);\n",
 "    m.emission += light;\n",
 "    m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));\n",
 "}\n",
@@ -11219,7 +11221,7 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
 /* Mixes a site's normal with the true normal of its triangle, as gbuffer_fragment.glsl does. limit: facet_limit in
    world units */
 static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float limit, sbl_site *site) {
-    double normal[3], longest2 = 0, share;
+    double normal[3], longest2 = 0, fraction;
     const double area = sbl__scene_normal(g, number, normal);
     int i, k;
     for (i = 0; i < 3; i++) {
@@ -11230,10 +11232,10 @@ static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float li
         longest2 = SBL__MAX(longest2, length2);
     }
     if (!(limit > 0) || !(longest2 > 0)) return;
-    share = SBL__MIN(SBL__MAX(2 * area / sqrt(longest2) / (double)limit - 1, 0.0), 1.0);
+    fraction = SBL__MIN(SBL__MAX(2 * area / sqrt(longest2) / (double)limit - 1, 0.0), 1.0);
     for (k = 0; k < 3; k++) {
         const double face = (double)site->geometric_normal[k];
-        normal[k] = face + share * ((double)site->normal[k] - face);
+        normal[k] = face + fraction * ((double)site->normal[k] - face);
     }
     sbl__normalize(normal);
     for (k = 0; k < 3; k++) site->normal[k] = (float)normal[k];
@@ -11453,9 +11455,9 @@ static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__h
    degrees. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
-    double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of the lowest bit of k */
+    double rotation = 0, weight = 0.5;  /* radical inverse of `look` in base 2; weight of the lowest bit of k */
     int k;
-    for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
+    for (k = look; k > 0; k >>= 1, weight *= 0.5) rotation += k & 1 ? weight : 0;
     for (k = 0; k < 3; k++) {
         out->position[k] = site->position[k] + site->offset * site->geometric_normal[k];
         out->normal[k] = site->normal[k];
@@ -11500,12 +11502,12 @@ static void sbl__lobe_fetch(const uint16_t *table, int count, double across, dou
 /* Gets the directional albedo of a specular lobe, as sbl_specular_albedo does. */
 static void sbl__specular_albedo(const float reflectance[3], double roughness, double cosine, float out[3]) {
     const double alpha = roughness * roughness, u = 1 - cosine;
-    double share[2];
+    double albedos[2];
     int k;
-    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
-    share[0] /= (double)SBL__LOBE_UNIT;
-    share[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
-    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
+    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, albedos);
+    albedos[0] /= (double)SBL__LOBE_UNIT;
+    albedos[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (albedos[0] - albedos[1]) + albedos[1]);
 }
 
 /* Makes the lobe of a site, as shaders read it. */
@@ -11770,19 +11772,19 @@ static float sbl__guide_smooth(const float *found, int band, int sector) {
 }
 
 /* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals, and writes the start of each as a 16-bit number, two per word.
-   The fraction `even` (0 to 1) of the range is divided equally, the rest in proportion to `shares`. If all shares are
+   The fraction `even` (0 to 1) of the range is divided equally, the rest in proportion to `weights`. If all weights are
    0, the whole range is divided equally. */
-static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
+static void sbl__guide_intervals(const float *weights, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
-    for (i = 0; i < count; i++) all += shares[i];
+    for (i = 0; i < count; i++) all += weights[i];
     if (!(all > 0)) even = 1;
     for (i = 0; i < count; i++) {
-        const double part = all > 0 ? sum / all : 0;
-        const uint32_t begin = (uint32_t)(SBL__GUIDE_STEPS * ((1 - even) * part + even * i / count));
+        const double fraction = all > 0 ? sum / all : 0;
+        const uint32_t begin = (uint32_t)(SBL__GUIDE_STEPS * ((1 - even) * fraction + even * i / count));
         if (i & 1) words[i / 2] |= begin << 16;
         else words[i / 2] = begin;
-        sum += shares[i];
+        sum += weights[i];
     }
 }
 
@@ -11958,11 +11960,11 @@ static const char *const sbl__glsl_layers[] = {
 "    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \\\n",
 "    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)\n",
 "\n",
-"// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.\n",
-"vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int part) {\n",
+"// Returns floats 4 * texel to 4 * texel + 3 of the layers, or 0 beyond their end.\n",
+"vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int texel) {\n",
 "    vec4 floats = vec4(0);\n",
 "    for (int k = 0; k < 4; k++)\n",
-"        if (4 * part + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * part + k) / 3][(4 * part + k) % 3];\n",
+"        if (4 * texel + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * texel + k) / 3][(4 * texel + k) % 3];\n",
 "    return floats;\n",
 "}\n",
 "#else\n",
@@ -12017,8 +12019,8 @@ static const char *const sbl__glsl_invocation[] = {
 "\n",
 "ivec2 sbl_texel_of_invocation() {\n",
 "    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y;\n",
-"    int slot = first_slot + i / size, part = i % size;\n",
-"    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
+"    int slot = first_slot + i / size, block = i % size;\n",
+"    return ivec2(slot % columns, slot / columns) * blocks + ivec2(block % blocks.x, block / blocks.x);\n",
 "}\n",
 "#else\n",
 "#define SBL_OUT(number, name) layout(location = number) out vec4 name\n",
@@ -12053,10 +12055,10 @@ static const char *const sbl__glsl_invocation[] = {
 
 /* resources for rays towards lamps */
 typedef struct sbl__aim {
-    int parts;                     /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
+    int invocations;               /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
-    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels. Each texel is an
-                                      estimate from one part of the look's rays; the mean of the texels is the result */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `invocations` texels, each an
+                                      estimate from the rays of one invocation; the mean of the texels is the result */
 } sbl__aim;
 
 /* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: limit of the expected number of loop
@@ -12101,14 +12103,14 @@ static int sbl__morton_order(const void *first, const void *second) {
    `sections`, each of which covers the unit square evenly, in Morton order. The caller frees the result. NULL: no
    memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
-    const size_t count = (size_t)rays, parts = (size_t)sections;
+    const size_t count = (size_t)rays, section_count = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
     size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
     for (look = 0; look < (size_t)looks; look++)
-        for (k = 0; k < parts; k++) {
-            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+        for (k = 0; k < section_count; k++) {
+            const size_t from = count * k / section_count, to = count * (k + 1) / section_count;
             if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
@@ -12150,17 +12152,18 @@ static int sbl__aim_invocations(const sbl__spec *spec, const sbl__hierarchy *h) 
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Sets a->parts. If looks have rays to lamps, makes the sequence (one section per part and pass) and the outputs. */
+/* Sets a->invocations. If looks have rays to lamps, makes the sequence (one section per invocation and pass) and the
+   outputs. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->parts = sbl__aim_invocations(spec, h);
+    a->invocations = sbl__aim_invocations(spec, h);
     if (!spec->lamp_rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->invocations);
     if (result != SBL_SUCCESS) return result;
     return sbl__blocks_make(d, &a->light, (spec->directional ? 4 : 1) + SBL__LAYER_TEXTURES(spec->groups),
-                            slots->columns, rows * a->parts);
+                            slots->columns, rows * a->invocations);
 }
 
 /* Sets the uniforms common to all programs for sensors' rays. blocks: size of a look's rectangle of invocations */
@@ -12421,13 +12424,13 @@ static const char *const sbl__glsl_lamp[] = {
 "// gives the sensor any light.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
-"    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
+"    float distance2 = max(dot(c.to, c.to), 1e-37), sine = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
 "    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the\n",
 "    // sensor.\n",
 "    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
-"                  0.1 * sbl_lamp_node_power(node) * spread;\n",
+"                  0.1 * sbl_lamp_node_power(node) * sine;\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
 "    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
 "                 max(distance2, c.radius * c.radius);\n",
@@ -12537,11 +12540,11 @@ static const char *const sbl__glsl_lamp[] = {
 "    for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
 "        float weight = sbl_strength(node + 1, left);\n",
-"        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
-"        bool first = p.u.x < share;\n",
+"        float probability = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
+"        bool first = p.u.x < probability;\n",
 "        node = first ? node + 1 : left.beyond;\n",
-"        p.chance *= first ? share : 1.0 - share;\n",
-"        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
+"        p.chance *= first ? probability : 1.0 - probability;\n",
+"        p.u.x = first ? p.u.x / probability : (p.u.x - probability) / (1.0 - probability);\n",
 "    }\n",
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
@@ -12580,14 +12583,14 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually\n",
+"// The rays of a look are divided among `blocks.y` invocations. An invocation usually\n",
 "// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
 "uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points\n",
 "uniform float scale;                  // factor from R to the output\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the measurement divided a look's rays\n",
+"uniform int invocations;              // number of invocations that measured the look, see sbl__aim\n",
 "uniform int sheet_slot;               // slot of the look's views in the view texture\n",
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
@@ -12595,9 +12598,9 @@ static const char *const sbl__glsl_lamps[] = {
 "SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance\n",
-"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
-"SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale\n",
+"SBL_OUT(0, out_light);                // rgb: R by the invocation's rays * scale; a: variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the invocation's light * scale\n",
+"SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the invocation's light * scale\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
 "#else\n",
@@ -12611,9 +12614,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one\n",
-"                                    // facing does not use the ratio seen / open for these lamps, because\n",
-"                                    // the ratio of few rays is biased\n",
+"const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
+"                                    // of one facing does not use the ratio seen / open for these lamps,\n",
+"                                    // because the ratio of few rays is biased\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
@@ -12710,9 +12713,9 @@ static const char *const sbl__glsl_lamps[] = {
 "// Adds the light of a lamp to sums ordered like whole_layers.\n",
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
-"        vec3 part = light * sbl_lamp_layer_fraction(l, g);\n",
-"        sums[g] += l.facing.x * part;\n",
-"        sums[SBL_GROUPS + g] += l.facing.y * part;\n",
+"        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);\n",
+"        sums[g] += l.facing.x * group_light;\n",
+"        sums[SBL_GROUPS + g] += l.facing.y * group_light;\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -12987,7 +12990,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
+"        vec3 visible = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        float rays_counted = samples[g];\n",
@@ -12997,18 +13000,18 @@ static const char *const sbl__glsl_lamps[] = {
 "        rays_counted = all * all / max(lobe_squares[g], 1e-30);\n",
 "#endif\n",
 "        if (sparse[g] > 0.0) continue;\n",
-"        r.light.rgb += whole[g] * share;\n",
-"        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
+"        r.light.rgb += whole[g] * visible;\n",
+"        // Harmonics: the closed form times `visible`, plus the deviation from it that the rays measured.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
-"                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
-"                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
+"                r.harmonics[k] += visible[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
+"                                  (seen_harmonics[g][k] - visible[k] * open_harmonics[g][k]);\n",
 "#ifdef SBL_GROUPS\n",
-"        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.\n",
+"        // Layers: like harmonics. The deviations of all layers add up to 0, because `visible` is seen / open.\n",
 "        vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        for (int i = 0; i < SBL_GROUPS; i++)\n",
-"            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
-"                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);\n",
+"            r.layers[i] += visible * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
+"                           (seen_layers[g * SBL_GROUPS + i] - visible * open_layers[g * SBL_GROUPS + i]);\n",
 "#endif\n",
 "#if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)\n",
 "        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.\n",
@@ -13047,8 +13050,8 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Returns true with the probability SBL_PASS_CHANCE.\n",
-"bool sbl_goes_on(int part) {\n",
-"    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;\n",
+"bool sbl_goes_on(int invocation) {\n",
+"    uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;\n",
 "    hash = (hash ^ hash >> 16) * 2246822519u;\n",
 "    return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;\n",
 "}\n",
@@ -13058,13 +13061,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report\n",
 "    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`\n",
 "#ifdef SBL_INSPECT\n",
-"    int part = 0, slot = sheet_slot;\n",
+"    int invocation = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
-"    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
-"    if (wanted >= rays) part = certain_ray % parts;\n",
+"    while (wanted < rays && invocation + 1 < invocations && (invocation + 1) * rays / invocations <= wanted)\n",
+"        invocation++;\n",
+"    if (wanted >= rays) invocation = certain_ray % invocations;\n",
 "    look = 0;\n",
 "#else\n",
-"    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
+"    int invocations = blocks.y, invocation = at.y % invocations, slot = at.y / invocations * columns + at.x;\n",
 "    look = slot - first_slot;\n",
 "    if (look < 0 || look >= count) sbl_leave;\n",
 "#endif\n",
@@ -13090,30 +13094,31 @@ static const char *const sbl__glsl_lamps[] = {
 "        open_layers[g] = seen_layers[g] = sure_layers[g] = sampled_layers[g] = vec3(0);\n",
 "#endif\n",
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
-"    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
+"    float enough = SBL_SPARSE * float(invocations) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
 "    // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
-"    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);\n",
+"    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(invocation);\n",
 "    sbl_Result early;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
-"        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.\n",
-"        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
+"        // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square\n",
+"        // evenly.\n",
+"        int section = SBL_LAMP_PASSES * invocation, sections = SBL_LAMP_PASSES * invocations;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
 "        int from = int(uint((section + pass * stretch) * rays) / uint(sections));\n",
 "        int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;\n",
 "        bool point = pass < 0;\n",
-"        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
-"        for (int k = start; k < end; k += point ? parts : 1) {\n",
+"        int start = point ? invocation : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
+"        for (int k = start; k < end; k += point ? invocations : 1) {\n",
 "            bool at_rim = pass == 0 && k < from;\n",
 "            uint rim_index = uint(from - 1 - k);\n",
 "            int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
 "            vec2 u = sbl_unit_square(fraction);\n",
-"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
+"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(invocations) : 1.0, u, false);\n",
 "            if (at_rim) entry = entries[rim_index / uint(rims)];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
 "            if (at_rim && entry < 0) continue;\n",
@@ -13726,7 +13731,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                                    sbl__blocks *blocks) {
     const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_ITERATIONS / 4, SBL__POOL_RAYS, spec->divisor);
     const int chunk = SBL__MIN(most, sbl__trace_pools(d, scene, spec) ? SBL__POOL_RAYS : (spec->rays + 7) / 8);
-    const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_invocations(spec, &scene->hierarchy);
+    const int chunks = (spec->rays + chunk - 1) / chunk, invocations = sbl__aim_invocations(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
@@ -13734,7 +13739,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
     s->columns = SBL__MAX(1, SBL__MIN(SBL__TRACE_COLUMNS, s->columns));
-    rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], parts), SBL__SLOTS_MOST / s->columns);
+    rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], invocations), SBL__SLOTS_MOST / s->columns);
     rows = SBL__MAX(1, rows);
     s->count = s->columns * rows;
     *stuck = *s;
@@ -14003,7 +14008,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.\n",
 "                                      // The invocations of a look take these groups in turn\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
-"uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float hemisphere;             // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
 "// SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share\n",
@@ -14123,12 +14128,12 @@ static const char *const sbl__glsl_trace[] = {
 "float weight = 0.0;                   // weight of the ray\n",
 "vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "\n",
-"// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the\n",
-"// ray starts below the horizon, where it finds no light.\n",
-"bool sbl_begin(int look, float every) {\n",
+"// Begins the ray of a look at point u of the unit square. ray_weight: factor of the ray's light. Returns false if\n",
+"// the ray starts below the horizon, where it finds no light.\n",
+"bool sbl_begin(int look, float ray_weight) {\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(look));\n",
 "    from = sbl_look_position(look);\n",
-"    weight = every;\n",
+"    weight = ray_weight;\n",
 "#ifdef SBL_SPECULAR\n",
 "    ray_density = 0.0;\n",
 "#endif\n",
@@ -14142,7 +14147,7 @@ static const char *const sbl__glsl_trace[] = {
 "    int guide = int(sbl_look_which(look) >> SBL_LOOK_GUIDE_SHIFT);\n",
 "    weight = sbl_guide(guide, u);\n",
 "#endif\n",
-"    direction = sbl_by_cosine(frame, u * vec2(spread, 1.0));\n",
+"    direction = sbl_by_cosine(frame, u * vec2(hemisphere, 1.0));\n",
 "#ifdef SBL_SEES_MIRRORED\n",
 "    for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {\n",
 "        direction = sbl_mirrored_sample(u_mirrored);\n",
@@ -14161,8 +14166,8 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    throughput = vec3(weight);\n",
 "#ifdef SBL_LOBE\n",
-"    for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
-"    throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);\n",
+"    for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
+"    throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);\n",
 "    ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
 "    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
@@ -14272,7 +14277,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Lets the ray at a place of a pool go on with this segment.\n",
+"// Lets a ray of the pool go on with this segment. at: index of the ray in the pool\n",
 "void sbl_take(int at, int segment) {\n",
 "    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
 "    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,\n",
@@ -14313,16 +14318,16 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 normal = sbl_look_normal(look);\n",
 "    uvec2 scramble = sbl_look_scramble(look);\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);\n",
+"    if (hemisphere > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);\n",
 "#endif\n",
 "    int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;\n",
 "    int end = no_light && number > 0 || outside ? 0 : rays;\n",
-"    float every = 1.0;  // factor of each ray's light\n",
+"    float ray_weight = 1.0;  // factor of each ray's light\n",
 "#ifdef SBL_LOBE\n",
 "    sbl_lobe_begin(look, normal);\n",
-"    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
+"    if (lobe.alpha == 0.0 && hemisphere > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
 "        end = min(end, SBL_MIRROR_RAYS);\n",
-"        every = float(rays) / float(SBL_MIRROR_RAYS);\n",
+"        ray_weight = float(rays) / float(SBL_MIRROR_RAYS);\n",
 "    }\n",
 "#endif\n",
 "\n",
@@ -14332,7 +14337,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
 "    vec4 even = vec4(0);\n",
-"    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
+"    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "#ifdef SBL_POOLED\n",
 "    int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;\n",
@@ -14341,13 +14346,14 @@ static const char *const sbl__glsl_trace[] = {
 "    pool_steps[mine] = 0;\n",
 "    memoryBarrierShared();\n",
 "    barrier();\n",
-"    for (int i = part << paired; i < end; i = (part + (all >> paired) * parts << paired) + (all & paired)) {\n",
+"    for (int i = block << paired; i < end;\n",
+"         i = (block + (all >> paired) * block_count << paired) + (all & paired)) {\n",
 "        int ray = first + all++;\n",
 "        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);\n",
 "        for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);\n",
 "        sbl_Hit hit;\n",
 "        sbl_Material material;\n",
-"        bool goes_on = sbl_begin(look, every);\n",
+"        bool goes_on = sbl_begin(look, ray_weight);\n",
 "        sum.rgb = vec3(0);\n",
 "        if (goes_on) goes_on = sbl_follow(0, hit, material);\n",
 "        pool_terms[SBL_TERMS * ray] = sum.rgb;\n",
@@ -14373,14 +14379,14 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_steps += pool_steps[mine];\n",
 "    if (outside) return;\n",
 "#else\n",
-"    for (int k = 0, i = part << paired; i < end;\n",
-"         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
+"    for (int k = 0, i = block << paired; i < end;\n",
+"         k++, i = (block + (k >> paired) * block_count << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
 "        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);\n",
 "        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
 "        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
 "        // each iteration.\n",
-"        int segments = sbl_begin(look, every) ? SBL_SEGMENTS : 0;\n",
+"        int segments = sbl_begin(look, ray_weight) ? SBL_SEGMENTS : 0;\n",
 "        for (int segment = 0; segment < segments; segment++) {\n",
 "            sbl_Hit hit;\n",
 "            sbl_Material material;\n",
@@ -14420,7 +14426,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_write_layers(layers);\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));\n",
+"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14575,7 +14581,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", !b->spec->paper);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_int(d, "sky_layer", b->scene->environment.layer);
-    sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
+    sbl__set_float(d, "hemisphere", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
     sbl__set_float(d, "ray_length", b->spec->ray_length > 0 && !stuck ? b->spec->ray_length : SBL__UNBOUNDED);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
@@ -14850,10 +14856,10 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, in texels\n",
 "uniform int columns, slots;    // number of slots per row; number of slots in total\n",
 "uniform int first, last;       // indices of the first and last look to compute\n",
-"uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added\n",
+"uniform sampler2D lights;      // R from lamps.glsl: `invocations` estimates per look; their mean is added\n",
 "uniform float steps_scale;     // not 0: the low bits of the variances in `lights` hold numbers of steps; their sum\n",
 "                               // times steps_scale is added to out_hits.y\n",
-"uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps\n",
+"uniform int invocations;       // number of texels per look in `lights`, in a column; 0: no lamps\n",
 "layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
@@ -14879,8 +14885,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
 "        sum += texelFetch(block_harmonics, corner + ivec2(i % blocks.x, i / blocks.x), 0);\n",
-"    for (int i = 0; i < parts; i++)\n",
-"        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);\n",
+"    for (int i = 0; i < invocations; i++)\n",
+"        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(invocations);\n",
 "    return sum;\n",
 "}\n",
 "\n",
@@ -14888,7 +14894,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    int look = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
 "    if (look < first || look > last) discard;\n",
 "    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);\n",
-"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
+"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, invocations);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
@@ -14903,16 +14909,16 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
-"    for (int i = 0; i < parts; i++) {\n",
+"    for (int i = 0; i < invocations; i++) {\n",
 "        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0);\n",
 "        if (steps_scale > 0.0 && light.a >= 0.0) {\n",
 "            uint bits = floatBitsToUint(light.a);\n",
 "            hits.y += steps_scale * float(bits & uint(SBL_STEPS_MASK));\n",
 "            light.a = uintBitsToFloat(bits & ~uint(SBL_STEPS_MASK));\n",
 "        }\n",
-"        light /= float(parts);\n",
+"        light /= float(invocations);\n",
 "        sum.rgb += light.rgb;\n",
-"        hits.w += light.a / float(parts);\n",
+"        hits.w += light.a / float(invocations);\n",
 "        if (light.a < 0.0) hits.z = SBL_LOST;\n",
 "    }\n",
 "    out_sum = sum;\n",
@@ -15123,8 +15129,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
-    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->task.spec.batch);
-    const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
+    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.invocations), (double)j->task.spec.batch);
+    const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.invocations };
     sbl__batch b;
     sbl_result result;
     d->gl.doing = "tracing rays towards lamps";
@@ -15133,7 +15139,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
-    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
+    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.invocations));
     j->aimed += count;
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
@@ -15163,7 +15169,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
         snprintf(name, sizeof name, "lights_%d", k);
         sbl__bind(d, name, aimed ? &j->aim.light.textures[1 + k] : &blocks[0]);
     }
-    sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
+    sbl__set_int(d, "invocations", aimed ? j->aim.invocations : 0);
     sbl__set_float(d, "steps_scale", spec->counts_steps ? (float)SBL__STEPS_UNIT / (float)spec->rays : 0);
     sbl__set_int(d, "even", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
@@ -15331,21 +15337,21 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->count;
-    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
+    const int textures = from->count;
+    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)textures);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
     if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+    for (k = 0; k < textures && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, from, k, row, rows, data + 4 * (size_t)count * (size_t)k);
-    j->counts.readbacks += parts;
+    j->counts.readbacks += textures;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int look = row * SBL__RESULTS_WIDTH + i;
         const float *found[SBL__BLOCKS];
         for (k = 0; k < SBL__BLOCKS; k++)
-            found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
+            found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, textures - 1) + (size_t)i);
         if (look >= first && look < j->look_end) result = sbl__job_judge(j, found);
     }
     sbl__free(d->base, data);
@@ -15525,7 +15531,7 @@ typedef struct sbl__bounce_leaf {
     int valid;         /* number of points with valid readings */
     int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_AFAR: it is not, but far rays read a bright leaf
                           at its first point; otherwise 0 */
-    float share;       /* approximate fraction of its cell that the leaf covers after divisions */
+    float fraction;    /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
                           it since all hits were last placed again. The hits of these rays may lie on the other side
                           of the cut and must be placed again; those of later points need not */
@@ -15706,9 +15712,9 @@ static const char *const sbl__glsl_cast[] = {
 "#ifdef SBL_GROUPS\n",
 "// out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
 "// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light\n",
-"SBL_OUT(3, out_parts);\n",
+"SBL_OUT(3, out_last_light);\n",
 "#endif\n",
-"vec4 parts;\n",
+"vec4 last_light;\n",
 "uniform int sky_layer;\n",
 "\n",
 "// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and\n",
@@ -15723,16 +15729,16 @@ static const char *const sbl__glsl_cast[] = {
 "    direction = next.direction;\n",
 "    hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);\n",
 "    throughput *= next.throughput * sbl_tint;\n",
-"    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
+"    last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
 "    if (hit.triangle < 0) {\n",
-"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
-"        return light + parts.rgb;\n",
+"        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
+"        return light + last_light.rgb;\n",
 "    }\n",
 "    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
-"    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
-"    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
-"    return light + parts.rgb;\n",
+"    last_light.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
+"    last_light.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
+"    return light + last_light.rgb;\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -15778,7 +15784,7 @@ static const char *const sbl__glsl_cast[] = {
 "void sbl_cast_write_metal_light(int ray, vec4 shine) {\n",
 "    sbl_write_ray(out_metal_light, ray, shine);\n",
 "#ifdef SBL_GROUPS\n",
-"    sbl_write_ray(out_parts, ray, parts);\n",
+"    sbl_write_ray(out_last_light, ray, last_light);\n",
 "#endif\n",
 "}\n",
 "\n",
@@ -15839,7 +15845,7 @@ static const char *const sbl__glsl_cast[] = {
 "    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
 "    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "#ifdef SBL_BOUNCED\n",
-"    parts = vec4(0);\n",
+"    last_light = vec4(0);\n",
 "    sbl_cast_write_metal_light(ray, vec4(0));\n",
 "    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);\n",
 "#endif\n",
@@ -15943,17 +15949,17 @@ static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
     return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
 }
 
-/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. parts: out_parts of
-   cast.glsl; NULL without light groups */
-static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *parts) {
+/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. last_light:
+   out_last_light of cast.glsl; NULL without light groups */
+static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *last_light) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
     for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
-    if (parts) {
+    if (last_light) {
         float *layers = sbl__point_layers(b, ray / SBL__BOUNCE_RAYS, 1);
-        const int last = (int)parts[3] % SBL__CAST_LAYERS, lamp = (int)parts[3] / SBL__CAST_LAYERS;
-        for (k = 0; k < 3; k++) layers[3 * last + k] += parts[k] / SBL__BOUNCE_RAYS;
-        for (k = 0; k < 3; k++) layers[3 * lamp + k] += (light[k] - parts[k]) / SBL__BOUNCE_RAYS;
+        const int last = (int)last_light[3] % SBL__CAST_LAYERS, lamp = (int)last_light[3] / SBL__CAST_LAYERS;
+        for (k = 0; k < 3; k++) layers[3 * last + k] += last_light[k] / SBL__BOUNCE_RAYS;
+        for (k = 0; k < 3; k++) layers[3 * lamp + k] += (light[k] - last_light[k]) / SBL__BOUNCE_RAYS;
     }
 }
 
@@ -16595,7 +16601,7 @@ static sbl_result sbl__contacts_store_cut(sbl__bounce *b, uint32_t *reference, c
 
 /* Cuts the part of a cell that a reference leads to, with or without a leaf. If the reference leads to a cut, cuts the
    parts on the sides of the cut that the line crosses. Does not cut below SBL__CELL_DEPTH cuts, or twice along a line.
-   depth: number of cuts above the reference. range: where the line enters and leaves the part, 0 to 1 */
+   depth: number of cuts above the reference. range: where the line enters and leaves this part of the cell, 0 to 1 */
 static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -16620,10 +16626,10 @@ static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *lin
     if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
-        double part[2];
+        double part_range[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
-        for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__contact_cut_below(b, line, &s->cuts[cut].sides[side], part, depth + 1);
+        for (i = 0; i < 2; i++) part_range[i] = sign * over[i] < 0 ? cross : range[i];
+        result = sbl__contact_cut_below(b, line, &s->cuts[cut].sides[side], part_range, depth + 1);
     }
     return result;
 }
@@ -16989,15 +16995,15 @@ static float sbl__solution_fraction(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
     uint32_t patch, reference;
-    float share = 1;
-    if (!b->states[leaf].points) return share;
+    float fraction = 1;
+    if (!b->states[leaf].points) return fraction;
     sbl__hit_find(b, first, &patch);
     for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
         sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
-        if (cut->divides) share *= 0.5f;
+        if (cut->divides) fraction *= 0.5f;
         reference = *sbl__cut_side(cut, first->position);
     }
-    return share;
+    return fraction;
 }
 
 /* Allocates the reads of all points. */
@@ -17045,7 +17051,7 @@ static sbl_result sbl__solution_direct(void *work, int at) {
     float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
-    state->share = sbl__solution_fraction(b, at);
+    state->fraction = sbl__solution_fraction(b, at);
     sbl__solution_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
@@ -17347,13 +17353,13 @@ static sbl_result sbl__division_moments(void *work, int at) {
     for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
         float reflected[3] = { 0, 0, 0 };
         sbl__leaf_moments *to;
-        double share;
+        double albedo;
         if (hits[j].leaf == SBL__NOWHERE) continue;
         to = &b->division->moments[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
-        share = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
+        albedo = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
         to->hits += w;
-        to->weight += w * share * share;
+        to->weight += w * albedo * albedo;
         for (k = 0; k < 3; k++) {
             const double x = (double)hits[j].position[k] - b->points[b->states[hits[j].leaf].first].at.position[k];
             to->offsets[k] += w * x;
@@ -17531,7 +17537,7 @@ static int sbl__brighter(const void *first, const void *second) {
 static sbl_result sbl__bright_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
-    const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
+    const double weight = (double)b->states[b->points[at].leaf].fraction * sbl__point_weight(b, at);
     int j;
     if (at == 0) {
         memset(b->leaf_found, 0, sizeof *b->leaf_found * (size_t)b->store->leaf_count);
@@ -17581,7 +17587,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
-        const double weight = (double)b->states[b->points[i].leaf].share * sbl__point_weight(b, i);
+        const double weight = (double)b->states[b->points[i].leaf].fraction * sbl__point_weight(b, i);
         int crowd = 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
             crowd += hits[j].leaf != SBL__NOWHERE && b->leaf_found[hits[j].leaf].bucket >= 0;
@@ -17768,7 +17774,7 @@ static int sbl__uncertainty_after_propagate(void *work) {
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
-    double cosines[2] = { 0, 0 }, across, light, share;
+    double cosines[2] = { 0, 0 }, across, light, cover;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_short(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
@@ -17780,8 +17786,8 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
         cosines[0] += step * (double)normal[k];
         cosines[1] += step * (double)other[k];
     }
-    share = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
-    return light * light * share * SBL__MIN(across * across, 1);
+    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
+    return light * light * cover * SBL__MIN(across * across, 1);
 }
 
 /* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
@@ -17999,23 +18005,23 @@ static float sbl__bounce_progress(const sbl__core *c) {
                                           leaves */
 
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
-enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
+enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_HASHES };
 
 /* The header of a stream. In all versions it begins with name, version and order. */
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t parts[SBL__SAVED_PARTS];  /* hashes of the scene, see sbl__saved_scene */
+    uint64_t hashes[SBL__SAVED_HASHES]; /* hashes of the scene, see sbl__saved_scene */
     int32_t made_for;                  /* sbl__store.made_for */
     int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
 /* Computes one hash for each part of the scene that stored light depends on. */
-static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
+static void sbl__saved_scene(const sbl__scene *s, uint64_t hashes[SBL__SAVED_HASHES]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
-    uint64_t *meshes = &parts[SBL__SAVED_MESHES], *materials = &parts[SBL__SAVED_MATERIALS];
-    uint64_t *sky = &parts[SBL__SAVED_SKY];
+    uint64_t *meshes = &hashes[SBL__SAVED_MESHES], *materials = &hashes[SBL__SAVED_MATERIALS];
+    uint64_t *lights = &hashes[SBL__SAVED_LIGHTS], *sky = &hashes[SBL__SAVED_SKY];
     const uint64_t seed = SBL__SAVED_SEED;
     int i;
     *meshes = sbl__hash_bytes(seed, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
@@ -18033,11 +18039,11 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_SPECULAR_BYTES);
     }
-    parts[SBL__SAVED_LIGHTS] = seed;
+    *lights = seed;
     for (i = 0; i < s->lamps.light_count; i++) {
         sbl_light light = s->lamps.lights[i];
         if (light.kind != SBL_LIGHT_DIRECTIONAL) sbl__from_host(g->centre, light.position, light.position);
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &light, offsetof(sbl_light, light_group));
+        *lights = sbl__hash_bytes(*lights, &light, offsetof(sbl_light, light_group));
     }
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
@@ -18048,8 +18054,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     for (i = 0; i < g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) *materials = sbl__hash_bytes(*materials, &g->objects[i].layer, 4);
     for (i = 0; i < s->lamps.light_count; i++)
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lamps.lights[i].light_group,
-                                                   sizeof s->lamps.lights[i].light_group);
+        *lights = sbl__hash_bytes(*lights, &s->lamps.lights[i].light_group, sizeof s->lamps.lights[i].light_group);
     *sky = sbl__hash_bytes(*sky, &e->layer, sizeof e->layer);
     *sky = sbl__hash_bytes(*sky, &s->light_groups, sizeof s->light_groups);
 }
@@ -18091,7 +18096,7 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = s->light_groups ? SBL__SAVED_GROUPED : SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
-    sbl__saved_scene(s, header.parts);
+    sbl__saved_scene(s, header.hashes);
     header.made_for = s->store.made_for;
     header.triangles = s->geometry.triangle_count;
     header.cells = s->store.cell_capacity;
@@ -18115,20 +18120,21 @@ static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const 
     fault->item = item;
 }
 
-/* Checks that a header belongs to this scene. If not, sets the fault, which names the parts that differ. */
+/* Checks that a header belongs to this scene. If not, sets the fault, which names the parts of the scene that
+   differ. */
 static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sbl__saved_fault *fault) {
-    static const char *const words[SBL__SAVED_PARTS] = { "other meshes", "other materials or textures", "other lights",
+    static const char *const words[SBL__SAVED_HASHES] = { "other meshes", "other materials or textures", "other lights",
                                                          "another sky" };
-    uint64_t parts[SBL__SAVED_PARTS];
+    uint64_t hashes[SBL__SAVED_HASHES];
     int i, differ = 0, named = 0;
     size_t length = 0;
-    sbl__saved_scene(s, parts);
-    if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
-    for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
+    sbl__saved_scene(s, hashes);
+    if (header->triangles != s->geometry.triangle_count) hashes[SBL__SAVED_MESHES] = ~header->hashes[SBL__SAVED_MESHES];
+    for (i = 0; i < SBL__SAVED_HASHES; i++) differ += hashes[i] != header->hashes[i];
     if (!differ) return;
     sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the light was stored for a scene with ");
-    for (i = 0; i < SBL__SAVED_PARTS; i++) {
-        if (parts[i] == header->parts[i]) continue;
+    for (i = 0; i < SBL__SAVED_HASHES; i++) {
+        if (hashes[i] == header->hashes[i]) continue;
         length = strlen(fault->why);
         snprintf(fault->why + length, sizeof fault->why - length, "%s%s",
                  !named ? "" : named == differ - 1 ? " and " : ", ", words[i]);
@@ -18449,7 +18455,7 @@ typedef struct sbl__refine {
     uint32_t sensor_count;    /* number of sensors, including sensor 0 */
     sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined, by predicted errors of FINAL. NULL: R is
                                  refined */
-    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
+    float *albedos;           /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
                                  errors of FINAL. NULL: predicted errors are errors of R */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
     size_t layer_floats;      /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
@@ -18508,7 +18514,7 @@ typedef struct sbl__refine {
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared standard error that stored light causes in the luminance
-                                 of R or, if `shares` is set, of FINAL. In a refinement of lobes, sum over pixels of
+                                 of R or, if `albedos` is set, of FINAL. In a refinement of lobes, sum over pixels of
                                  sbl__pixel_lobe.rest squared */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
     double stored, own;       /* two parts of `predicted`: stored is caused by uncertainty2; own is caused by the noise
@@ -18529,7 +18535,7 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->lobes, r->shares, r->stored_light, r->layers, r->tiles, r->sites,
+    void *const blocks[] = { r->pixels, r->lobes, r->albedos, r->stored_light, r->layers, r->tiles, r->sites,
                              r->readings, r->reading_layers, r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
@@ -18746,7 +18752,7 @@ static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
 /* A weighted mean of one layer of light over sensors. Until sbl__interpolate returns, light and variance are sums. */
 typedef struct sbl__mix {
     int layer;
-    float share[2];           /* position of the pixel in the tile, 0 to 1 on each axis */
+    float fraction[2];        /* position of the pixel in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners on the pixel's surface, 0 to 1 */
     float covered;            /* `own` plus the weight of extrapolated corners; 0: no light */
@@ -18767,7 +18773,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
     const int right = corner & 1, lower = corner >> 1;
-    float share;
+    float portion;
     int axis;
     for (axis = 0; axis < 2; axis++) {
         const sbl__edge e = sbl__tile_edge(r, c, axis ? 2 + right : lower);
@@ -18775,12 +18781,12 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
         adjacent[axis] = e.ends[0] == e.ends[1] ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
         beyond[axis] = adjacent[axis] ? sbl__sensor_beyond(r, pixel, &e, end, 1) : NULL;
     }
-    share = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
+    portion = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
     for (axis = 0; axis < 2; axis++) {
         if (!adjacent[axis]) continue;
-        sbl__mix_add(r, m, adjacent[axis], beyond[axis] ? 2 * share : share);
-        if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -share);
-        m->covered += share;
+        sbl__mix_add(r, m, adjacent[axis], beyond[axis] ? 2 * portion : portion);
+        if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -portion);
+        m->covered += portion;
     }
 }
 
@@ -18788,15 +18794,15 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Computes the distance of pixel (x, y) from a tile's left and upper edge, as fractions of its width and height. */
-static void sbl__tile_position(const sbl__tile *c, int x, int y, float share[2]) {
+static void sbl__tile_position(const sbl__tile *c, int x, int y, float fraction[2]) {
     const sbl__range *a = &c->area;
-    share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
-    share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
+    fraction[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
+    fraction[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner at a position in the tile. share: see sbl__tile_position */
-static float sbl__tile_weight(const float share[2], int corner) {
-    return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
+/* Returns the bilinear weight of a tile's corner at a position in the tile. fraction: see sbl__tile_position */
+static float sbl__tile_weight(const float fraction[2], int corner) {
+    return (corner & 1 ? fraction[0] : 1 - fraction[0]) * (corner & 2 ? fraction[1] : 1 - fraction[1]);
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. If no light can be used, m->covered is 0. */
@@ -18805,10 +18811,10 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_position(c, x, y, m->share);
+    sbl__tile_position(c, x, y, m->fraction);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        float weight = sbl__tile_weight(m->share, corner), belongs;
+        float weight = sbl__tile_weight(m->fraction, corner), belongs;
         if (weight <= 0) continue;
         belongs = sbl__usable(r, p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
         if (belongs > 0) {
@@ -18896,16 +18902,16 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
     const float *own = sbl__pixel_light(r, p, 0), *after = sbl__pixel_light(r, next ? next : p, 0);
-    float difference[3], unseen[3], share = SBL__SILHOUETTE_ERROR;
+    float difference[3], unseen[3], fraction = SBL__SILHOUETTE_ERROR;
     int k;
     if (other->id && (!next || sbl__distance2(p->position, other->position) < SBL__CONTACT_DISTANCE *
                                    SBL__CONTACT_DISTANCE * sbl__distance2(p->position, next->position)))
-        share = SBL__CONTACT_ERROR;
-    if (r->atlas && !next) share = SBL__NARROW_ERROR;
+        fraction = SBL__CONTACT_ERROR;
+    if (r->atlas && !next) fraction = SBL__NARROW_ERROR;
     for (k = 0; k < 3; k++) {
         const double known = next && last ? own[k] - 2 * after[k] + sbl__pixel_light(r, last, 0)[k]
                            : next         ? own[k] - after[k] : 0;
-        unseen[k] = share * SBL__MAX(own[k], r->mean[k]);
+        unseen[k] = fraction * SBL__MAX(own[k], r->mean[k]);
         difference[k] = SBL__MAX(SBL__EXTRAPOLATION_ERROR * (float)fabs(known), unseen[k]);
     }
     *unseen2 += sbl__squared(r, unseen);
@@ -19039,8 +19045,8 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     r->tiles[index].split = 1;
     for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
         const int column = i & 1, row = i >> 1;
-        const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
-        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__tiles_add(r, &part, index);
+        const sbl__range quarter = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
+        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__tiles_add(r, &quarter, index);
     }
     return result;
 }
@@ -19092,13 +19098,13 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
 static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
-    float light = 0, weights = 0, share[2];
+    float light = 0, weights = 0, fraction[2];
     int corner;
-    sbl__tile_position(c, x, y, share);
+    sbl__tile_position(c, x, y, fraction);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         const float at = r->lobes[p - r->pixels].light;
-        const float weight = sbl__tile_weight(share, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
+        const float weight = sbl__tile_weight(fraction, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
         light += weight * at;
         weights += weight;
     }
@@ -19119,7 +19125,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         c->pixels++;
         c->counted += sbl__window_counts(&r->window, x, y);
         if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
-        if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
+        if (r->albedos) c->weight2 += r->albedos[p - r->pixels] * r->albedos[p - r->pixels];
         if (r->lobes) c->foreseen_bias2 += sbl__tile_foresee(r, c, x, y);
         if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
@@ -19667,11 +19673,11 @@ static void sbl__receivers_list(sbl__refine *r, int column, int row) {
 }
 
 /* Returns the index of the bin in which a guide sees a position, or -1 if it is below the horizon. */
-static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
+static int sbl__receiver_bin(const sbl__receiver *to, const double position[3]) {
     double x = 0, y = 0, z = 0, length2 = 0, angle;
     int k;
     for (k = 0; k < 3; k++) {
-        const double way = place[k] - to->pixel->position[k];
+        const double way = position[k] - to->pixel->position[k];
         length2 += way * way;
         x += way * to->right[k];
         y -= way * to->up[k];  /* see sbl__cosine_direction */
@@ -19711,7 +19717,7 @@ static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
     const float light = found->valid ? sbl__luminance(found->radiance) : 0;
     const int bin = sbl__guide_bin(u[0], u[1]);
-    double away, place[3];
+    double away, position[3];
     float direction[3];
     int bright, i, k;
     if (!(light > 0)) return;
@@ -19719,10 +19725,10 @@ static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u
     sbl__cosine_direction(p->normal, u, direction);
     away = sbl__scout_away(&r->core->scene.lamps, p->position, direction, found->hit_min);
     bright = away > 0 && light > r->luminance;
-    for (k = 0; k < 3; k++) place[k] = p->position[k] + away * direction[k];
+    for (k = 0; k < 3; k++) position[k] = p->position[k] + away * direction[k];
     for (i = 0; i < g->receiver_count; i++) {
         const sbl__receiver *to = &g->receivers[i];
-        const int seen = bright && to->pixel != p ? sbl__receiver_bin(to, place) : bin;
+        const int seen = bright && to->pixel != p ? sbl__receiver_bin(to, position) : bin;
         if (seen >= 0) to->found[seen] += to->weight * light * light;
     }
 }
@@ -19855,13 +19861,13 @@ static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixel
 /* Returns the square of (mean of FINAL without emission) / (mean R). (Relative error of R) * (albedo with which a pixel
    shows it) / (this ratio) is the relative error of FINAL. The mean is the one that the host has set, or an estimate,
    with R in place of the light in lobes: that of the last weighing or, before it, (mean albedo) * (mean R). Returns 1
-   if r->shares is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of FINAL.
-   Must be called before r->sum is set to 0. */
+   if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of
+   FINAL. Must be called before r->sum is set to 0. */
 static float sbl__weigh_shown2(const sbl__refine *r) {
     const double pixels = SBL__MAX(r->shown_pixels, 1.0);
     double mean = (r->diffuse + r->specular) / pixels, light = 0;
     int k;
-    if (!r->shares) return 1;
+    if (!r->albedos) return 1;
     for (k = 0; k < 3; k++) light += (double)sbl__luminance_weights[k] * r->sum[k];
     if (r->weighed && light > 0) mean = r->shown_sum / light + r->specular / pixels;
     if (r->mean_final > 0) mean = (double)r->mean_final / r->luminance;
@@ -19922,7 +19928,7 @@ static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *c) {
    corner is usable, only sets noise2 to 0. Adds the tile's light, pixels and variance to the sums of the picture. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
-    float variance, share = 0, light[3] = { 0, 0, 0 };
+    float variance, ratios = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
     for (corner = 0; corner < 4; corner++) {
@@ -19930,7 +19936,7 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p)) continue;
         sum += s->variance;
-        share += sbl__variance_ratio(r, s->looks);
+        ratios += sbl__variance_ratio(r, s->looks);
         for (k = 0; k < 3; k++) light[k] += s->radiance[k];
         count++;
     }
@@ -19939,7 +19945,7 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->variance = variance = sbl__relative2(r, sum / count);
     if (c->parent >= 0)
         c->variance += sbl__tile_parent_weight(r, c) * (r->tiles[c->parent].variance - variance);
-    variance = c->variance * share / (float)count;
+    variance = c->variance * ratios / (float)count;
     c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++)
@@ -20065,14 +20071,14 @@ static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
         const int refines = sbl__window_refines(&r->window, from, to);
         if (r->row == 0) c->pixels = c->counted = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
-        if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
+        if (r->row == 0) c->weight2 = r->lobes || r->albedos ? 0.0f : 1.0f;
         if (r->row == 0) c->foreseen_bias2 = 0;
         for (; refines && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels;
+        if (c->pixels && (r->lobes || r->albedos)) c->weight2 /= (float)c->pixels;
         if (c->pixels) c->foreseen_bias2 = sbl__relative2(r, (double)c->foreseen_bias2 / c->pixels);
         if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
@@ -20124,15 +20130,15 @@ static sbl_result sbl__refine_take(void *work, int at) {
     const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
     const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
-    const float share = (float)looks / (float)(s->looks + looks);
+    const float fraction = (float)looks / (float)(s->looks + looks);
     const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->layer_floats * (size_t)r->sites[at].pixel;
     const float *found = r->reading_layers + r->layer_floats * (size_t)at;
     size_t i;
     if (!looks) return SBL_SUCCESS;
-    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
-    for (i = 0; i < r->layer_floats; i++) light[i] += share * (found[i] - light[i]);
-    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
+    for (i = 0; i < 3; i++) s->radiance[i] += fraction * (reading->radiance[i] - s->radiance[i]);
+    for (i = 0; i < r->layer_floats; i++) light[i] += fraction * (found[i] - light[i]);
+    s->variance += (double)fraction * ((double)reading->noise * reading->noise * looks - s->variance);
     if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
     s->looks += looks;
     s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
@@ -20341,11 +20347,11 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
     for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
     for (i = 0; i < r->layer_floats; i++) out[i] = 0;
     for (point = 0; point < 25; point++) {
-        float place[3];
+        float position[3];
         for (k = 0; k < 3; k++)
-            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
+            position[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
                                                              (float)(point / 5 - 2) * axes[1][k]);
-        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->layer_floats, out);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, position, r->layer_floats, out);
     }
     for (i = 0; i < r->layer_floats; i++) out[i] /= (float)SBL__MAX(lit, 1);
 }
@@ -20460,7 +20466,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         s->variance *= s->variance;
         sbl__refine_isotropic(r, p, light);
     }
-    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
+    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->albedos ? r->albedos[index] : 1));
     if (sbl__refine_counts(r, index)) r->uncertainty2 += uncertainty * uncertainty;
     return SBL_SUCCESS;
 }
@@ -20470,9 +20476,9 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
    its lobe; albedo is NULL if the pixel shows no surface */
 static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
-    if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
-    r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
+    if (!r->albedos) r->albedos = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->albedos);
+    if (!r->albedos) return SBL_ERROR_OUT_OF_MEMORY;
+    r->albedos[index] = albedo ? sbl__luminance(albedo) : 0;
     if (!albedo) return SBL_SUCCESS;
     r->diffuse += (double)sbl__luminance(albedo);
     r->specular += (double)sbl__luminance(specular);
@@ -20567,7 +20573,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
-    const float weight2 = r->shares ? SBL__MAX(c->weight2 / r->shown2, 1e-6f) : 1;
+    const float weight2 = r->albedos ? SBL__MAX(c->weight2 / r->shown2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
@@ -20582,9 +20588,9 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
-            const float *share = m.share, top = parabolas[0][k], left = parabolas[2][k];
-            const float across = 0.5f * share[0] * (1 - share[0]) * (top + share[1] * (parabolas[1][k] - top));
-            const float down = 0.5f * share[1] * (1 - share[1]) * (left + share[0] * (parabolas[3][k] - left));
+            const float *fraction = m.fraction, top = parabolas[0][k], left = parabolas[2][k];
+            const float across = 0.5f * fraction[0] * (1 - fraction[0]) * (top + fraction[1] * (parabolas[1][k] - top));
+            const float down = 0.5f * fraction[1] * (1 - fraction[1]) * (left + fraction[0] * (parabolas[3][k] - left));
             to[k] = sbl__clamp_light(f->layer, m.light[k] - m.own * m.own * (across + down));
         }
         to[3] = (float)sqrt(m.variance);
@@ -20606,9 +20612,9 @@ static void sbl__fill_mean(void *user, int index) {
     sbl__fill *f = (sbl__fill *)user;
     const sbl__refine *r = f->refine;
     float *out = f->rgba + 4 * (size_t)index, sum[4] = { 0, 0, 0, 0 }, weights = 0;
-    size_t place = 0;
+    size_t step = 0;
     int k, other;
-    while ((other = sbl__ring_grid(&f->rings, index, &place)) >= 0) {
+    while ((other = sbl__ring_grid(&f->rings, index, &step)) >= 0) {
         const float weight = sbl__ring_reached(&f->rings, other)
                            ? sbl__belongs(&r->pixels[index], &r->pixels[other], r->geometry_aware) : 0;
         for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * (size_t)other + (size_t)k];
@@ -20873,9 +20879,9 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels\n",
-"uniform sampler2D previous;                 // sum of the previous samples, each times `share`\n",
+"uniform sampler2D previous;                 // sum of the previous samples, each times `sample_weight`\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
-"uniform float share;                        // 1 / number of samples per pixel\n",
+"uniform float sample_weight;                // 1 / number of samples per pixel\n",
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, for the colour on the screen\n",
@@ -20940,12 +20946,12 @@ static const char *const sbl__glsl_resolve[] = {
 "        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make light negative\n",
 "#endif\n",
 "    }\n",
-"    out_color = before + share * vec4(color, 1);\n",
+"    out_color = before + sample_weight * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
 "    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
 "    float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);\n",
 "    vec3 least = id == 0u ? fade * backdrop : vec3(0);\n",
-"    out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);\n",
+"    out_display = shown_before + sample_weight * vec4(max(sbl_shown(color), least), 1);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -21020,7 +21026,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__camera_set(d, r->camera, r->offset);
     sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
     sbl__set_int(d, "has_previous", r->index > 0);
-    sbl__set_float(d, "share", 1.0f / (float)r->count);
+    sbl__set_float(d, "sample_weight", 1.0f / (float)r->count);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
 }
@@ -21032,38 +21038,38 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 typedef struct sbl__gutters {
     int size[2];               /* width and height in texels */
     float *light;              /* 4 floats per texel: light of a layer; the texel's ring: 0 on charts, -1 if none yet */
-    sbl__rings spread;
+    sbl__rings rings;
 } sbl__gutters;
 
 static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     sbl__free(base, g->light);
-    sbl__rings_free(base, &g->spread);
+    sbl__rings_free(base, &g->rings);
     memset(g, 0, sizeof *g);
 }
 
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
-    size_t place = 0;
+    size_t step = 0;
     int i, count = 0, other;
-    while ((other = sbl__ring_grid(&g->spread, texel, &place)) >= 0) {
-        if (!sbl__ring_reached(&g->spread, other)) continue;
+    while ((other = sbl__ring_grid(&g->rings, texel, &step)) >= 0) {
+        if (!sbl__ring_reached(&g->rings, other)) continue;
         for (i = 0; i < 3; i++) sum[i] += g->light[4 * (size_t)other + (size_t)i];
         count++;
     }
     for (i = 0; i < 3; i++) out[i] = sum[i] / (float)count;
-    out[3] = (float)g->spread.number;
+    out[3] = (float)g->rings.number;
 }
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->spread.last = rings;
-    g->size[0] = g->spread.width = size[0];
+    g->rings.last = rings;
+    g->size[0] = g->rings.width = size[0];
     g->size[1] = size[1];
-    g->spread.user = g;
-    g->spread.mean = sbl__gutters_mean;
+    g->rings.user = g;
+    g->rings.mean = sbl__gutters_mean;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
-    return g->light ? sbl__rings_make(base, &g->spread, (int)texels, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
+    return g->light ? sbl__rings_make(base, &g->rings, (int)texels, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Makes the texels on charts ring 0. On entry, g->light holds the output of the filter: light and, as fourth float, 1
@@ -21072,8 +21078,8 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
     int i;
     for (i = first; i < first + count; i++) {
         float *ring = &g->light[4 * (size_t)i + 3];
-        if (*ring > 0) g->spread.ring[i] = 0;
-        *ring = (float)g->spread.ring[i];
+        if (*ring > 0) g->rings.ring[i] = 0;
+        *ring = (float)g->rings.ring[i];
     }
 }
 
@@ -21190,16 +21196,16 @@ static int sbl__seam_match(const sbl__atlas *atlas, const uint32_t edges[2], con
    as one side of a point. Returns 1; or 0, with an incomplete side, if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     int low[2], high[2], i, k;
-    double share[2];
+    double fraction[2];
     for (k = 0; k < 2; k++) {
         const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), g->size[k] - 1.0);
         low[k] = (int)x;
         high[k] = SBL__MIN(low[k] + 1, g->size[k] - 1);
-        share[k] = x - low[k];
+        fraction[k] = x - low[k];
     }
     for (i = 0; i < 4; i++) {
         const int texel = (i & 2 ? high[1] : low[1]) * g->size[0] + (i & 1 ? high[0] : low[0]);
-        const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
+        const double weight = (i & 1 ? fraction[0] : 1 - fraction[0]) * (i & 2 ? fraction[1] : 1 - fraction[1]);
         if (g->light[4 * (size_t)texel + 3] < 0) return 0;
         p->unknowns[4 * side + i] = texel;
         p->weights[4 * side + i] = (float)(side ? -weight : weight);
@@ -21362,7 +21368,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     (void)slice;
     if (s->unknown_of) return SBL_SUCCESS;
     for (i = 0; i < g->mesh_count; i++) if (s->atlas->baked[i]) edges += 3.0 * g->meshes[i].triangle_count;
-    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
+    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->rings.count, sizeof *s->unknown_of);
     return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -21940,7 +21946,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
     /* 4: also emission, whose alpha is the blue component of stored R; 6: also albedos */
-    const int parts = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
+    const int textures = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -21951,10 +21957,10 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     int i, k;
     (void)slice;
     c->device.gl.doing = "reading the G-buffer";
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+    for (k = 0; k < textures && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, first, rows, ids);
-    c->stats.sensors.readbacks += parts + 1;
+    c->stats.sensors.readbacks += textures + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[6];
         uint32_t id;
@@ -22129,16 +22135,16 @@ static double sbl__map_seconds_left(const sbl__map *m) {
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
-    double share, most;
+    double done, most;
     if (sbl__work_is_done(&m->work)) return 1;
     if (m->developed && m->has_lobes && m->reflected < 1)
         return SBL__MAP_R_DONE + (0.95f - SBL__MAP_R_DONE) * m->reflected;
     if (m->developed) return 0.96f + 0.03f * m->finished;
     if (m->work.stages.stage == SBL__MAP_DEVELOP) return m->has_lobes ? SBL__MAP_R_DONE : 0.95f;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
-    share = (m->has_lobes ? (double)SBL__MAP_R_DONE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
+    done = (m->has_lobes ? (double)SBL__MAP_R_DONE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
     most = SBL__MAX((double)m->work.progress, 0.01) * pow(seconds / before, 2);
-    return (float)SBL__MIN(share, most);
+    return (float)SBL__MIN(done, most);
 }
 
 /* Called when the host asks for a channel of an unfinished map. From then on, stage PREVIEW makes previews. If no
@@ -22375,8 +22381,8 @@ enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE,
    is 12 pi alpha^2 for a narrow GGX lobe and 3 pi / 2 for the cosine. */
 static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float roughness) {
     const float alpha2 = roughness * roughness * roughness * roughness;
-    const float share = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
-    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
+    const float ratio = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
+    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)ratio);
 }
 
 /* Passes a pixel to the refinement of reflections. */
@@ -22674,10 +22680,10 @@ static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, doub
     int i;
     for (i = 0; i < SBL__METER_BINS; i++) all += bins[i];
     for (i = 0; i < SBL__METER_BINS; below += bins[i++]) {
-        const double part = SBL__MIN(below + bins[i], to * all) - SBL__MAX(below, from * all);
-        if (part <= 0) continue;
-        sum += part * ((i + 0.5) * SBL__METER_STEP - 64);
-        weight += part;
+        const double within = SBL__MIN(below + bins[i], to * all) - SBL__MAX(below, from * all);
+        if (within <= 0) continue;
+        sum += within * ((i + 0.5) * SBL__METER_STEP - 64);
+        weight += within;
     }
     return weight > 0 ? sum / weight : -DBL_MAX;
 }
@@ -22893,7 +22899,7 @@ typedef struct sbl__lightmap {
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
     sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and even seams */
-    float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are finished, 4 floats per texel */
+    float *group_layers[SBL__LAYERS_MOST];  /* with light groups: layers until all are finished, 4 floats per texel */
     sbl__map_image mean;        /* used if supersample > 1: mean R of each texel's working pixels, without gutters */
 } sbl__lightmap;
 
@@ -22903,7 +22909,7 @@ static void sbl__lightmap_free(void *work) {
     int i;
     for (i = 0; i < SBL__LAYERS_MOST; i++) {
         sbl__map_image_free(d, &l->finals[i]);
-        sbl__free(d->base, l->parts[i]);
+        sbl__free(d->base, l->group_layers[i]);
     }
     sbl__map_image_free(d, &l->mean);
     sbl__atlas_free(d->base, &l->atlas);
@@ -22978,16 +22984,16 @@ static uint32_t sbl__lightmap_subtexel_id(const sbl__map *m, int texel, int i) {
    m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
    to the nearest of all. */
 static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
-    const int parts = m->across * m->across;
+    const int subtexels = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
     uint32_t id = 0;
-    for (i = 0; i < parts; i++) {
+    for (i = 0; i < subtexels; i++) {
         const uint32_t other = sbl__lightmap_subtexel_id(m, texel, i);
         int count = 0;
-        for (k = 0; k < parts && other; k++) count += sbl__lightmap_subtexel_id(m, texel, k) == other;
+        for (k = 0; k < subtexels && other; k++) count += sbl__lightmap_subtexel_id(m, texel, k) == other;
         if (count > most) { most = count; id = other; }
     }
-    for (i = 0; i < parts; i++) {
+    for (i = 0; i < subtexels; i++) {
         const int dx = 2 * (i % m->across) + 1 - m->across, dy = 2 * (i / m->across) + 1 - m->across;
         if (sbl__lightmap_subtexel_id(m, texel, i) != id || dx * dx + dy * dy >= nearest) continue;
         nearest = dx * dx + dy * dy;
@@ -23019,13 +23025,13 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const size_t shown = sbl__map_shown(m, (size_t)texel);
     const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
-    const int parts = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
+    const int shown_count = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
         const float *own = data + 4 * (sbl__lightmap_subtexel(m, texel, i) - first);
         if (sbl__lightmap_subtexel_id(m, texel, i) != id) continue;
-        for (k = 0; k < 4; k++) out[k] += own[k] / (float)parts;
+        for (k = 0; k < 4; k++) out[k] += own[k] / (float)shown_count;
     }
 }
 
@@ -23074,7 +23080,7 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.spread, slice);
+    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.rings, slice);
 }
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
@@ -23108,8 +23114,8 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
     if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean.target;
     for (i = 1; i < sbl__spec_layers(&m->spec); i++) m->channels[first + i - 1] = &l->finals[i].target;
     for (i = 0; i < SBL__LAYERS_MOST; i++) {
-        sbl__free(&m->work.core->base, l->parts[i]);
-        l->parts[i] = NULL;
+        sbl__free(&m->work.core->base, l->group_layers[i]);
+        l->group_layers[i] = NULL;
     }
     return SBL__LIGHTMAP_DONE;
 }
@@ -23117,14 +23123,14 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
 /* Makes the light groups of a texel or vertex add up to its R. In each channel, sets values below 0 to 0, and
    multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
    from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
-   vertex; parts: per group, the floats of all texels or vertices; at: index of the first float of this one */
-static void sbl__groups_scale(const float whole[3], float *const *parts, int groups, size_t at) {
+   vertex; lights: per group, the floats of all texels or vertices; at: index of the first float of this one */
+static void sbl__groups_scale(const float whole[3], float *const *lights, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
         double sum = 0;
-        for (g = 0; g < groups; g++) sum += (double)SBL__MAX(parts[g][at + (size_t)k], 0.0f);
+        for (g = 0; g < groups; g++) sum += (double)SBL__MAX(lights[g][at + (size_t)k], 0.0f);
         for (g = 0; g < groups; g++) {
-            float *x = &parts[g][at + (size_t)k];
+            float *x = &lights[g][at + (size_t)k];
             *x = sum > 0 ? (float)((double)SBL__MAX(*x, 0.0f) * ((double)whole[k] / sum)) : g == 0 ? whole[k] : 0;
         }
     }
@@ -23141,7 +23147,7 @@ static sbl_result sbl__lightmap_scale(void *work, int row) {
     const size_t width = (size_t)l->map.size[0], end = 4 * width * ((size_t)row + 1);
     size_t at;
     for (at = 4 * width * (size_t)row; at < end; at += 4)
-        sbl__groups_scale(l->parts[0] + at, &l->parts[1], l->map.spec.groups, at);
+        sbl__groups_scale(l->group_layers[0] + at, &l->group_layers[1], l->map.spec.groups, at);
     return SBL_SUCCESS;
 }
 
@@ -23160,7 +23166,7 @@ static sbl_result sbl__lightmap_send_group(void *work, sbl__slice *slice) {
     m->work.core->device.gl.doing = "uploading the lightmap";
     if (m->work.stages.at == 0) result = sbl__map_image_make(m, 0, image);
     if (result != SBL_SUCCESS) return result;
-    return sbl__map_upload(m, &image->texture, l->parts[m->layer], &m->work.stages.at);
+    return sbl__map_upload(m, &image->texture, l->group_layers[m->layer], &m->work.stages.at);
 }
 
 static int sbl__lightmap_after_group(void *work) {
@@ -23176,7 +23182,7 @@ static int sbl__lightmap_after_send(void *work) {
     const sbl__device *d = &m->work.core->device;
     const int layer_count = sbl__spec_layers(&m->spec);
     if (m->spec.groups) {
-        l->parts[m->layer] = l->gutters.light;
+        l->group_layers[m->layer] = l->gutters.light;
         l->gutters.light = NULL;
     }
     sbl__gutters_free(d->base, &l->gutters);
@@ -23339,7 +23345,7 @@ static sbl_result sbl__joining_take(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__joining_gutters(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__joining *)work)->gutters.spread, slice);
+    return sbl__rings_step(&((sbl__joining *)work)->gutters.rings, slice);
 }
 
 static sbl_result sbl__joining_sew(void *work, sbl__slice *slice) {
@@ -23564,8 +23570,8 @@ static const sbl__front_end sbl__readings_front_end = {
     X(SBL__VERTICES_GROUPS_SCALE, NULL, sbl__vertices_scale, sbl__vertices_scale_count, sbl__vertices_after_scale)
 enum { SBL__VERTICES_STAGES(SBL__STAGE_NAME) SBL__VERTICES_DONE };
 
-/* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
-   in the scene". */
+/* A mesh that is baked. Indices of vertices and triangles are consecutive over all baked meshes, unless a comment says
+   "index in the scene". */
 typedef struct sbl__baked_mesh {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* index in the scene minus index here */
@@ -23587,11 +23593,11 @@ typedef struct sbl__vertices_cursor { int triangle, point; uint32_t number; } sb
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
-    int part;                   /* index of the part that sbl__baked_mesh_of found last */
+    int mesh;                   /* index of the baked mesh that sbl__baked_mesh_of found last */
     sbl_vertices_desc desc;     /* with defaults */
-    sbl__baked_mesh *parts;
-    int part_count, vertex_count, triangle_count;
-    int solved;                 /* number of parts that are solved */
+    sbl__baked_mesh *meshes;
+    int mesh_count, vertex_count, triangle_count;
+    int solved;                 /* number of baked meshes that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_cursor next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
@@ -23621,7 +23627,7 @@ typedef struct sbl__vertices {
 
 static void sbl__vertices_free(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    void *const blocks[] = { s->parts, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
+    void *const blocks[] = { s->meshes, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
                              s->neighbours, s->found_layers, s->layer_sums };
     sbl__base *base = &s->work.core->base;
     int i;
@@ -23648,20 +23654,20 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
     s->groups = s->desc.groups ? c->scene.light_groups : 0;
-    s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
-    s->parts = (sbl__baked_mesh *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
-    if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < s->part_count; i++) {
-        sbl__baked_mesh *part = &s->parts[i];
-        part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
-        part->first_vertex = s->vertex_count;
-        part->first_triangle = s->triangle_count;
-        part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
-        part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
-        part->vertex_count = g->meshes[part->mesh].vertex_count;
-        part->triangle_count = g->meshes[part->mesh].triangle_count;
-        s->vertex_count += part->vertex_count;
-        s->triangle_count += part->triangle_count;
+    s->mesh_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
+    s->meshes = (sbl__baked_mesh *)sbl__alloc(&c->base, (size_t)s->mesh_count, sizeof *s->meshes);
+    if (!s->meshes) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->mesh_count; i++) {
+        sbl__baked_mesh *baked = &s->meshes[i];
+        baked->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
+        baked->first_vertex = s->vertex_count;
+        baked->first_triangle = s->triangle_count;
+        baked->vertex_shift = g->meshes[baked->mesh].first_vertex - s->vertex_count;
+        baked->triangle_shift = g->meshes[baked->mesh].first_triangle - s->triangle_count;
+        baked->vertex_count = g->meshes[baked->mesh].vertex_count;
+        baked->triangle_count = g->meshes[baked->mesh].triangle_count;
+        s->vertex_count += baked->vertex_count;
+        s->triangle_count += baked->triangle_count;
     }
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
@@ -23682,47 +23688,47 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Converts the index of a vertex over all parts to its index in the scene. s->part must be the part that contains the
-   vertex. */
+/* Converts the index of a vertex over all baked meshes to its index in the scene. s->mesh must be the index of the
+   baked mesh that contains the vertex. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
-    return vertex + (uint32_t)s->parts[s->part].vertex_shift;
+    return vertex + (uint32_t)s->meshes[s->mesh].vertex_shift;
 }
 
-/* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
-   begins at the part found last, because most callers ask for ascending indices. */
+/* Returns the baked mesh that contains a triangle or, if is_vertex is 1, a vertex, and sets s->mesh to its index. The
+   search begins at the mesh found last, because most callers ask for ascending indices. */
 static sbl__baked_mesh *sbl__baked_mesh_of(sbl__vertices *s, int at, int is_vertex) {
-    const sbl__baked_mesh *p = s->parts;
-    int i = s->part;
+    const sbl__baked_mesh *p = s->meshes;
+    int i = s->mesh;
     if (at < (is_vertex ? p[i].first_vertex : p[i].first_triangle)) i = 0;
-    while (i + 1 < s->part_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
-    s->part = i;
-    return &s->parts[i];
+    while (i + 1 < s->mesh_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
+    s->mesh = i;
+    return &s->meshes[i];
 }
 
 /* Computes a triangle's area, stores the indices of its vertices, and adds its normal to their normals. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
-    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const uint32_t number = (uint32_t)(triangle + part->triangle_shift);
+    sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const uint32_t number = (uint32_t)(triangle + baked->triangle_shift);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
     s->areas[triangle] = (float)area;
-    part->area += area;
+    baked->area += area;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)part->vertex_shift;
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)baked->vertex_shift;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if two vertices are welded: they are in the same part and at the same position, and their normals agree. */
+/* Returns 1 if two vertices are welded: they are in the same mesh and at the same position, and their normals agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
-    return other >= (uint32_t)s->parts[s->part].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
+    return other >= (uint32_t)s->meshes[s->mesh].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
            sbl__same_position(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
@@ -23798,9 +23804,9 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-/* Returns the number of points on a triangle of s->part. */
+/* Returns the number of points on a triangle of s->mesh. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
-    const double wanted = (double)s->areas[triangle] * s->parts[s->part].points_wanted + 0.5;
+    const double wanted = (double)s->areas[triangle] * s->meshes[s->mesh].points_wanted + 0.5;
     const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
@@ -23808,22 +23814,22 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
+    sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const double mean = baked->area / SBL__MAX(1, baked->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
-    part->points_wanted = s->desc.samples;
-    if (across > 0) part->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
+    baked->points_wanted = s->desc.samples;
+    if (across > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
-    if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
+    if (triangle == baked->first_triangle) baked->first_hinge = s->hinge_count;
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
-    part->hinge_count = s->hinge_count - part->first_hinge;
+    baked->hinge_count = s->hinge_count - baked->first_hinge;
     return result;
 }
 
@@ -23843,7 +23849,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
+/* Returns the triangle of a point, gets the point's barycentric weights, sets s->mesh to the triangle's mesh, and
    advances *cursor to the next point. Only cursor->number stays behind: it becomes the number of the returned point. */
 static int sbl__vertices_advance(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
@@ -23865,9 +23871,9 @@ static sbl_result sbl__vertices_site(void *work, int site) {
     sbl_site point;
     double h[3];
     const int triangle = sbl__vertices_advance(s, &s->next_site, h);
-    const sbl__baked_mesh *part = &s->parts[s->part];
-    const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
-    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
+    const sbl__baked_mesh *baked = &s->meshes[s->mesh];
+    const uint32_t number = (uint32_t)baked->mesh * SBL__VERTICES_APART + s->next_site.number;
+    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + baked->triangle_shift), h, &point);
     sbl__site_make(&s->work, &point, number, &s->work.sites[site]);
     return SBL_SUCCESS;
 }
@@ -23892,8 +23898,8 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     s->work.core->stats.sensors.sites++;
     s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
-    s->parts[s->part].points += 1;
-    s->parts[s->part].back_points += sees_back;
+    s->meshes[s->mesh].points += 1;
+    s->meshes[s->mesh].back_points += sees_back;
     if (sees_back && !s->back_sums)
         s->back_sums = (float *)sbl__alloc(&s->work.core->base, (size_t)s->triangle_count,
                                            SBL__VERTICES_SUMS * sizeof *s->back_sums);
@@ -23926,8 +23932,8 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
    the corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
+    const sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const int inside_out = baked->back_points > SBL__VERTICES_INSIDE_OUT * baked->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const size_t first = SBL__VERTICES_SUMS * (size_t)triangle;
     float *sums = s->sums + first, missing, spring;
@@ -23968,23 +23974,23 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
 }
 
 /* Adds one term of the normal equations' matrix, times `direction`, to `product`. The terms are the triangles of the
-   part that is being solved, then its hinges. */
+   mesh that is being solved, then its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const sbl__baked_mesh *part = &s->parts[s->solved];
-    const size_t triangle = (size_t)(part->first_triangle + term);
+    const sbl__baked_mesh *baked = &s->meshes[s->solved];
+    const size_t triangle = (size_t)(baked->first_triangle + term);
     const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && term < part->triangle_count; a++)
+    for (a = 0; a < 3 && term < baked->triangle_count; a++)
         for (b = 0; b < 3; b++) {
             const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
             const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
             double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (term < part->triangle_count) return;
-    h = &s->hinges[part->first_hinge + term - part->triangle_count];
+    if (term < baked->triangle_count) return;
+    h = &s->hinges[baked->first_hinge + term - baked->triangle_count];
     sbl__hinge_unknowns(s, h, at);
     for (k = 0; k < 3; k++) {
         double bend = 0;
@@ -24067,8 +24073,8 @@ static int sbl__vertices_after_write(void *work) {
 /* Adds a triangle's sums for the next light group to the right-hand side, as sbl__vertices_mass does for R. */
 static sbl_result sbl__vertices_next(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
+    const sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const int inside_out = baked->back_points > SBL__VERTICES_INSIDE_OUT * baked->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const float *layer = sbl__vertices_layers(s, triangle, 0) + 9 * (s->layer - 1);
     const float *back = sbl__vertices_layers(s, triangle, 1) + 9 * (s->layer - 1);
@@ -24091,10 +24097,10 @@ static int sbl__vertices_after_next(void *work) {
 /* Scales the light groups of a vertex so that they add up to its R. */
 static sbl_result sbl__vertices_scale(void *work, int vertex) {
     const sbl__vertices *s = (const sbl__vertices *)work;
-    float *parts[SBL_MAX_LIGHT_GROUPS];
+    float *lights[SBL_MAX_LIGHT_GROUPS];
     int i;
-    for (i = 0; i < s->groups; i++) parts[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
-    sbl__groups_scale(s->desc.radiance + 3 * (size_t)vertex, parts, s->groups, 3 * (size_t)vertex);
+    for (i = 0; i < s->groups; i++) lights[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
+    sbl__groups_scale(s->desc.radiance + 3 * (size_t)vertex, lights, s->groups, 3 * (size_t)vertex);
     return SBL_SUCCESS;
 }
 
@@ -24128,19 +24134,19 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     return s->found_layers && s->layer_sums ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
+/* Solves the equations of one mesh after the other, so that the light of a mesh does not depend on other meshes. */
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = s->parts + s->solved;
+    const sbl__baked_mesh *baked = s->meshes + s->solved;
     sbl_result result;
-    if (s->desc.average || s->solved == s->part_count) return SBL_SUCCESS;
-    s->solver.first = part->first_vertex;
-    s->solver.count = part->vertex_count;
-    s->solver.term_count = part->triangle_count + part->hinge_count;
+    if (s->desc.average || s->solved == s->mesh_count) return SBL_SUCCESS;
+    s->solver.first = baked->first_vertex;
+    s->solver.count = baked->vertex_count;
+    s->solver.term_count = baked->triangle_count + baked->hinge_count;
     result = sbl__solver_step(&s->solver, slice);
     if (result != SBL_SUCCESS) return result;
     memset(s->solver.most2, 0, sizeof s->solver.most2);
-    return ++s->solved < s->part_count ? SBL_UNFINISHED : SBL_SUCCESS;
+    return ++s->solved < s->mesh_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__vertices_next_job(void *work) {
@@ -24351,9 +24357,9 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     int k, point = d->first_probe + i;
     for (k = 0; k < 3; k++) {
-        const double share = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
+        const double fraction = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
         out[k] = d->positions ? d->positions[3 * (size_t)i + (size_t)k]
-                              : (float)((1 - share) * d->lowest[k] + share * d->highest[k]);
+                              : (float)((1 - fraction) * d->lowest[k] + fraction * d->highest[k]);
         point /= SBL__MAX(1, d->grid[k]);
     }
 }
@@ -24472,8 +24478,8 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site
     /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
-    const double share = rays ? 1.0 / g->desc.options.rays : g->latitude_weight[site / g->around] / g->around;
-    const double area = 4 * SBL__PI * share;
+    const double fraction = rays ? 1.0 / g->desc.options.rays : g->latitude_weight[site / g->around] / g->around;
+    const double area = 4 * SBL__PI * fraction;
     double y[9];
     int i, k;
     sbl__harmonics_of(d, y);
@@ -24611,10 +24617,10 @@ static int sbl__probes_after_take(void *work) {
 
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
-    double part = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
+    double done = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
     if (sbl__work_is_done(&g->work)) return 1;
-    part = 0.5 * (part / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
-    return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
+    done = 0.5 * (done / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
+    return (float)((g->first + (g->round ? 1 : done) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
 
 static const sbl__stage_row sbl__probes_stages[] = { SBL__PROBES_STAGES(SBL__STAGE_ROW) };
@@ -24693,7 +24699,7 @@ static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
 static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
     const sbl_result result = sbl__aim_use(j, b, SBL__INSPECT, b->slots->blocks, 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__set_int(d, "parts", j->aim.parts);
+    sbl__set_int(d, "invocations", j->aim.invocations);
     sbl__set_int(d, "sheet_slot", sbl__inspect_slot(j));
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
@@ -24832,17 +24838,17 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
+    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, invocations = j->aim.invocations;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
-    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
+    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)invocations, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
-    for (i = 0; i < parts && result == SBL_SUCCESS; i++)
+    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * invocations, invocations, light);
+    for (i = 0; i < invocations && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
             k->out.from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
-                                (float)parts / sbl__job_scale(j);
+                                (float)invocations / sbl__job_scale(j);
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
@@ -25635,11 +25641,11 @@ SBL_API size_t sbl_lightmap_bytes(const sbl_context *c, const sbl_lightmap_desc 
 
 SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
     const sbl__geometry *g;
-    uint64_t parts[SBL__SAVED_PARTS], hash;
+    uint64_t hashes[SBL__SAVED_HASHES], hash;
     int i;
     if (!c || !c->core.has_scene) return 0;
-    sbl__saved_scene(&c->core.scene, parts);
-    hash = sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
+    sbl__saved_scene(&c->core.scene, hashes);
+    hash = sbl__hash_bytes(SBL__SAVED_SEED, hashes, sizeof hashes);
     g = &c->core.scene.geometry;
     for (i = 0; i < g->mesh_count; i++) {  /* without normal maps, the hash equals the hash of older versions */
         const sbl__object *o = &g->objects[i];

@@ -18,9 +18,9 @@ SBL_OUT(2, out_metal_light);
 #ifdef SBL_GROUPS
 // out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
 // rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light
-SBL_OUT(3, out_parts);
+SBL_OUT(3, out_last_light);
 #endif
-vec4 parts;
+vec4 last_light;
 uniform int sky_layer;
 
 // Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and
@@ -35,16 +35,16 @@ vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inou
     direction = next.direction;
     hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);
     throughput *= next.throughput * sbl_tint;
-    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
+    last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
     if (hit.triangle < 0) {
-        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
-        return light + parts.rgb;
+        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
+        return light + last_light.rgb;
     }
     lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));
     int object = int(sbl_triangle_object(hit.triangle));
-    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
-    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
-    return light + parts.rgb;
+    last_light.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
+    last_light.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
+    return light + last_light.rgb;
 }
 #endif
 
@@ -90,7 +90,7 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 void sbl_cast_write_metal_light(int ray, vec4 shine) {
     sbl_write_ray(out_metal_light, ray, shine);
 #ifdef SBL_GROUPS
-    sbl_write_ray(out_parts, ray, parts);
+    sbl_write_ray(out_last_light, ray, last_light);
 #endif
 }
 
@@ -151,7 +151,7 @@ void main() {
     bool goes_on = sbl_cast_ray(ray, hit, origin, direction);
     sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
 #ifdef SBL_BOUNCED
-    parts = vec4(0);
+    last_light = vec4(0);
     sbl_cast_write_metal_light(ray, vec4(0));
     for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);
 #endif

@@ -138,16 +138,16 @@ bool sbl_is_mirror(sbl_Material m) {
 }
 
 // Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead
-// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of
-// light that is reflected. point: uniform point in the unit square from which the direction is sampled
-vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
+// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets weight to the fraction
+// of light that is reflected. point: uniform point in the unit square from which the direction is sampled
+vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
     bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;
     for (int once = 0; once < (blurs ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);
-        mirrored = sbl_lobe_sample(l, point, share);
-        share *= s.material.opacity;
+        mirrored = sbl_lobe_sample(l, point, weight);
+        weight *= s.material.opacity;
     }
 #endif
     float below = dot(mirrored, s.geometric_normal);
@@ -173,13 +173,13 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 // the stored light there. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
-    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
+    vec3 passing = sbl_passing(s.object, s.material, cosine), weight = vec3(0);
     pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;
-    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));
-    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);
+    if (pane && s.material.roughness >= 0.0) weight = sbl_lobe_reflected(s.material, cosine, vec3(1));
+    if (!pane && sbl_is_mirror(s.material)) weight = sbl_mirror_reflectance(s.material, cosine);
     sbl_Leaving through = sbl_leaving(s, true, direction, passing);
-    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);
-    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);
+    vec3 mirror_direction = sbl_mirrored(s, direction, point, weight);
+    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, weight);
     aside = mirrored;
     if (pane) return through;
     aside = through;
@@ -198,24 +198,24 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out 
                   hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
     through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
     if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
-    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
+    vec3 weight = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
     bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&
                  s.material.roughness < SBL_POLISHED;
     for (int once = 0; once < (blurs ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);
-        direction = sbl_lobe_sample(l, point, share);
-        share *= s.material.opacity * ray.weight;
+        direction = sbl_lobe_sample(l, point, weight);
+        weight *= s.material.opacity * ray.weight;
     }
 #endif
-    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);
-    return sbl_leaving(s, false, direction, share);
+    if (dot(direction, s.geometric_normal) <= 0.0) weight = vec3(0);
+    return sbl_leaving(s, false, direction, weight);
 }
 
-// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.
-void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {
-    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);
+// Adds the stored light that the surface s reflects, times weight. number, only_diffuse: see sbl_stored_radiance
+void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 weight) {
+    vec3 light = m.throughput * weight * sbl_stored_radiance(s, number, only_diffuse);
     m.emission += light;
     m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));
 }

@@ -41,8 +41,8 @@ layout(local_size_x = SBL_WORKGROUP) in;
 
 ivec2 sbl_texel_of_invocation() {
     int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y;
-    int slot = first_slot + i / size, part = i % size;
-    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);
+    int slot = first_slot + i / size, block = i % size;
+    return ivec2(slot % columns, slot / columns) * blocks + ivec2(block % blocks.x, block / blocks.x);
 }
 #else
 #define SBL_OUT(number, name) layout(location = number) out vec4 name

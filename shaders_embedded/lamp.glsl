@@ -232,13 +232,13 @@ sbl_Cluster sbl_cluster(int node) {
 // gives the sensor any light.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
-    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
+    float distance2 = max(dot(c.to, c.to), 1e-37), sine = min(c.radius * inversesqrt(distance2), 1.0);
     float height = dot(n, c.to);
     // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the
     // sensor.
     vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
-                  0.1 * sbl_lamp_node_power(node) * spread;
+                  0.1 * sbl_lamp_node_power(node) * sine;
     if (height + c.radius <= 0.0) return 0.0;
     float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
                  max(distance2, c.radius * c.radius);
@@ -348,11 +348,11 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {
         sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
         float weight = sbl_strength(node + 1, left);
-        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
-        bool first = p.u.x < share;
+        float probability = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
+        bool first = p.u.x < probability;
         node = first ? node + 1 : left.beyond;
-        p.chance *= first ? share : 1.0 - share;
-        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
+        p.chance *= first ? probability : 1.0 - probability;
+        p.u.x = first ? p.u.x / probability : (p.u.x - probability) / (1.0 - probability);
     }
     p.leaf = int(sbl_lamp_node_first_leaf(node));
 }

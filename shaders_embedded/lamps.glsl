@@ -9,14 +9,14 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually
+// The rays of a look are divided among `blocks.y` invocations. An invocation usually
 // stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl
 uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points
 uniform float scale;                  // factor from R to the output
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
-uniform int parts;                    // number of parts into which the measurement divided a look's rays
+uniform int invocations;              // number of invocations that measured the look, see sbl__aim
 uniform int sheet_slot;               // slot of the look's views in the view texture
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
@@ -24,9 +24,9 @@ SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R 
 SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
 const bool inspected = false;
-SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance
-SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale
-SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale
+SBL_OUT(0, out_light);                // rgb: R by the invocation's rays * scale; a: variance of its luminance
+SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the invocation's light * scale
+SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the invocation's light * scale
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
 #else
@@ -40,9 +40,9 @@ const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for 
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
-const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one
-                                    // facing does not use the ratio seen / open for these lamps, because
-                                    // the ratio of few rays is biased
+const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps
+                                    // of one facing does not use the ratio seen / open for these lamps,
+                                    // because the ratio of few rays is biased
 #else
 const float SBL_SPARSE = 16.0;
 #endif
@@ -139,9 +139,9 @@ vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for f
 // Adds the light of a lamp to sums ordered like whole_layers.
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
-        vec3 part = light * sbl_lamp_layer_fraction(l, g);
-        sums[g] += l.facing.x * part;
-        sums[SBL_GROUPS + g] += l.facing.y * part;
+        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);
+        sums[g] += l.facing.x * group_light;
+        sums[SBL_GROUPS + g] += l.facing.y * group_light;
     }
 }
 #else
@@ -416,7 +416,7 @@ sbl_Result sbl_combine() {
     r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
-        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
+        vec3 visible = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
@@ -426,18 +426,18 @@ sbl_Result sbl_combine() {
         rays_counted = all * all / max(lobe_squares[g], 1e-30);
 #endif
         if (sparse[g] > 0.0) continue;
-        r.light.rgb += whole[g] * share;
-        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.
+        r.light.rgb += whole[g] * visible;
+        // Harmonics: the closed form times `visible`, plus the deviation from it that the rays measured.
         for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
-                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
-                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
+                r.harmonics[k] += visible[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
+                                  (seen_harmonics[g][k] - visible[k] * open_harmonics[g][k]);
 #ifdef SBL_GROUPS
-        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.
+        // Layers: like harmonics. The deviations of all layers add up to 0, because `visible` is seen / open.
         vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));
         for (int i = 0; i < SBL_GROUPS; i++)
-            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *
-                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);
+            r.layers[i] += visible * whole_layers[g * SBL_GROUPS + i] + per_ray *
+                           (seen_layers[g * SBL_GROUPS + i] - visible * open_layers[g * SBL_GROUPS + i]);
 #endif
 #if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)
         // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.
@@ -476,8 +476,8 @@ int sbl_pass_count() {
 }
 
 // Returns true with the probability SBL_PASS_CHANCE.
-bool sbl_goes_on(int part) {
-    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;
+bool sbl_goes_on(int invocation) {
+    uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;
     hash = (hash ^ hash >> 16) * 2246822519u;
     return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;
 }
@@ -487,13 +487,14 @@ void main() {
     int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report
     int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`
 #ifdef SBL_INSPECT
-    int part = 0, slot = sheet_slot;
+    int invocation = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
-    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;
-    if (wanted >= rays) part = certain_ray % parts;
+    while (wanted < rays && invocation + 1 < invocations && (invocation + 1) * rays / invocations <= wanted)
+        invocation++;
+    if (wanted >= rays) invocation = certain_ray % invocations;
     look = 0;
 #else
-    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;
+    int invocations = blocks.y, invocation = at.y % invocations, slot = at.y / invocations * columns + at.x;
     look = slot - first_slot;
     if (look < 0 || look >= count) sbl_leave;
 #endif
@@ -519,30 +520,31 @@ void main() {
         open_layers[g] = seen_layers[g] = sure_layers[g] = sampled_layers[g] = vec3(0);
 #endif
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
-    float enough = SBL_SPARSE * float(parts) / float(rays) * total;
+    float enough = SBL_SPARSE * float(invocations) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
     // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
-    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
+    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(invocation);
     sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
-        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.
-        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
+        // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square
+        // evenly.
+        int section = SBL_LAMP_PASSES * invocation, sections = SBL_LAMP_PASSES * invocations;
         // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.
         int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));
         int from = int(uint((section + pass * stretch) * rays) / uint(sections));
         int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;
         bool point = pass < 0;
-        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
-        for (int k = start; k < end; k += point ? parts : 1) {
+        int start = point ? invocation : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
+        for (int k = start; k < end; k += point ? invocations : 1) {
             bool at_rim = pass == 0 && k < from;
             uint rim_index = uint(from - 1 - k);
             int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
             vec2 u = sbl_unit_square(fraction);
-            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
+            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(invocations) : 1.0, u, false);
             if (at_rim) entry = entries[rim_index / uint(rims)];
             else if (!point) entry = sbl_pick_entry(p);
             if (at_rim && entry < 0) continue;

@@ -41,11 +41,11 @@
     SBL_PART_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \
     SBL_PART_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)
 
-// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.
-vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int part) {
+// Returns floats 4 * texel to 4 * texel + 3 of the layers, or 0 beyond their end.
+vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int texel) {
     vec4 floats = vec4(0);
     for (int k = 0; k < 4; k++)
-        if (4 * part + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * part + k) / 3][(4 * part + k) % 3];
+        if (4 * texel + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * texel + k) / 3][(4 * texel + k) % 3];
     return floats;
 }
 #else

@@ -16,8 +16,8 @@ float sbl_diffuse_lost(float cosine) {
     return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
 }
 
-// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
-float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
+// Returns the position of a row or a column in the tables of lobes. fraction: 0 to 1 from the first to the last
+float sbl_lobe_step(float fraction) { return float(SBL_LOBE_ROWS - 1) * clamp(fraction, 0.0, 1.0); }
 
 float sbl_lobe_row(float roughness) {
     return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));
@@ -35,8 +35,8 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);
     vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
     vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));
-    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
-    return reflectance * (share.x - share.y) + share.y;
+    vec2 albedos = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
+    return reflectance * (albedos.x - albedos.y) + albedos.y;
 }
 
 // Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,

@@ -47,9 +47,9 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
     sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));
     float reflectance = sbl_object_reflectance(object);
     for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {
-        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
-        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);
-        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);
+        vec2 factors = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
+        float metallic = clamp(factors.y * sbl_object_metallic(object), 0.0, 1.0);
+        m.roughness = clamp(factors.x * sbl_object_roughness(object), 0.0, 1.0);
         m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;
         m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);
         m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));

@@ -9,7 +9,7 @@ uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.
                                       // The invocations of a look take these groups in turn
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
-uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
+uniform float hemisphere;             // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
 // SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share
@@ -129,12 +129,12 @@ vec2 u;                               // point of the unit square that gives thi
 float weight = 0.0;                   // weight of the ray
 vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 
-// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the
-// ray starts below the horizon, where it finds no light.
-bool sbl_begin(int look, float every) {
+// Begins the ray of a look at point u of the unit square. ray_weight: factor of the ray's light. Returns false if
+// the ray starts below the horizon, where it finds no light.
+bool sbl_begin(int look, float ray_weight) {
     mat3 frame = sbl_frame(sbl_look_normal(look));
     from = sbl_look_position(look);
-    weight = every;
+    weight = ray_weight;
 #ifdef SBL_SPECULAR
     ray_density = 0.0;
 #endif
@@ -148,7 +148,7 @@ bool sbl_begin(int look, float every) {
     int guide = int(sbl_look_which(look) >> SBL_LOOK_GUIDE_SHIFT);
     weight = sbl_guide(guide, u);
 #endif
-    direction = sbl_by_cosine(frame, u * vec2(spread, 1.0));
+    direction = sbl_by_cosine(frame, u * vec2(hemisphere, 1.0));
 #ifdef SBL_SEES_MIRRORED
     for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {
         direction = sbl_mirrored_sample(u_mirrored);
@@ -167,8 +167,8 @@ bool sbl_begin(int look, float every) {
 #endif
     throughput = vec3(weight);
 #ifdef SBL_LOBE
-    for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
-    throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
+    for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
+    throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);
     ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
     glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
@@ -278,7 +278,7 @@ void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
 #endif
 }
 
-// Lets the ray at a place of a pool go on with this segment.
+// Lets a ray of the pool go on with this segment. at: index of the ray in the pool
 void sbl_take(int at, int segment) {
     int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;
     sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,
@@ -319,16 +319,16 @@ void main() {
     vec3 normal = sbl_look_normal(look);
     uvec2 scramble = sbl_look_scramble(look);
 #ifdef SBL_SEES_MIRRORED
-    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
+    if (hemisphere > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
 #endif
     int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;
     int end = no_light && number > 0 || outside ? 0 : rays;
-    float every = 1.0;  // factor of each ray's light
+    float ray_weight = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
     sbl_lobe_begin(look, normal);
-    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
+    if (lobe.alpha == 0.0 && hemisphere > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
         end = min(end, SBL_MIRROR_RAYS);
-        every = float(rays) / float(SBL_MIRROR_RAYS);
+        ray_weight = float(rays) / float(SBL_MIRROR_RAYS);
     }
 #endif
 
@@ -338,7 +338,7 @@ void main() {
 #endif
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
     vec4 even = vec4(0);
-    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
+    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
 #ifdef SBL_POOLED
     int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;
@@ -347,13 +347,14 @@ void main() {
     pool_steps[mine] = 0;
     memoryBarrierShared();
     barrier();
-    for (int i = part << paired; i < end; i = (part + (all >> paired) * parts << paired) + (all & paired)) {
+    for (int i = block << paired; i < end;
+         i = (block + (all >> paired) * block_count << paired) + (all & paired)) {
         int ray = first + all++;
         u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
         for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);
         sbl_Hit hit;
         sbl_Material material;
-        bool goes_on = sbl_begin(look, every);
+        bool goes_on = sbl_begin(look, ray_weight);
         sum.rgb = vec3(0);
         if (goes_on) goes_on = sbl_follow(0, hit, material);
         pool_terms[SBL_TERMS * ray] = sum.rgb;
@@ -379,14 +380,14 @@ void main() {
     sbl_steps += pool_steps[mine];
     if (outside) return;
 #else
-    for (int k = 0, i = part << paired; i < end;
-         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
+    for (int k = 0, i = block << paired; i < end;
+         k++, i = (block + (k >> paired) * block_count << paired) + (k & paired)) {
         vec3 before = sum.rgb;
         u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
         // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
         // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
         // each iteration.
-        int segments = sbl_begin(look, every) ? SBL_SEGMENTS : 0;
+        int segments = sbl_begin(look, ray_weight) ? SBL_SEGMENTS : 0;
         for (int segment = 0; segment < segments; segment++) {
             sbl_Hit hit;
             sbl_Material material;
@@ -426,6 +427,6 @@ void main() {
     sbl_write_layers(layers);
 #endif
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));
+    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));
 #endif
 }
