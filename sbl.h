@@ -387,18 +387,18 @@
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
    No channel holds only the emission, or only the light that panes add. ALBEDO is the albedo of the diffuse part for
-   this view. SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or
-   0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
+   this view. SPECULAR_ALBEDO is the fraction of uniform light that the lobe reflects to the camera, but at least 0.001,
+   or 0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
    radiance in the lobe. The error of FINAL is the root mean square, over the centres of the visible pixels, of the
-   error of its luminance, as a share of the mean luminance of FINAL without emission. Sensors measure R until the error
-   of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR
-   until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up: radiance_error,
-   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of stored light in
-   lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
-   the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
-   the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error
-   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the measurement of R.
-   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   error of its luminance, as a fraction of the mean luminance of FINAL without emission. Sensors measure R until the
+   error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure
+   SPECULAR until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up:
+   radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
+   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
+   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
+   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
+   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the
+   measurement of R. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
                   form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
@@ -1114,7 +1114,7 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
     SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving things, only in SBL_MODE_GI: pictures and lightmaps place
                                           no sensors on the surface and show the stored light, smoothed */
-    SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the share of the surface that exists. The rest of the light passes
+    SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the fraction of the surface that exists. The rest of the light passes
                                           straight through */
     SBL_MATERIAL_FLAGS_ALL = (1 << 5) - 1
 } sbl_material_flag;
@@ -1122,7 +1122,7 @@ typedef enum sbl_material_flag {
 /* A material has no defaults: all zero is a black, solid, matte surface without emission and textures. ON REFLECTIONS
    explains ior, metallic, roughness and transmission. */
 typedef struct sbl_material {
-    float albedo[3];       /* linear share of light that is reflected, 0 to 1 each */
+    float albedo[3];       /* linear fraction of light that is reflected, 0 to 1 each */
     float emission[3];     /* emitted radiance, 0 to 1e37 */
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
@@ -1132,11 +1132,11 @@ typedef struct sbl_material {
     uint32_t flags;        /* sbl_material_flag bits */
     float ior;             /* index of refraction of what is not metal, 1 to 1e6: 1.5 for most plastics, paints and
                               woods. 0: the surface is matte; if metallic is above 0, it is not, and 0 means 1.5 */
-    float metallic;        /* share of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
+    float metallic;        /* fraction of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
                               counted from 1; 0: none. Its format should be SBL_PIXELS_LINEAR8 */
-    float transmission;    /* share of light, 0 to 1, that passes straight through what is not metal and is tinted by
+    float transmission;    /* fraction of light, 0 to 1, that passes straight through what is not metal and is tinted by
                               `albedo`: the surface is a thin pane */
     int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
     int normal_texture;    /* number of the texture of normals, counted from 1; 0: none; see ON REFLECTIONS. Its format
@@ -1382,17 +1382,18 @@ typedef struct sbl_picture_desc {
     sbl_sensor_kind sensor_kind;  /* the views of a rasterised sensor. Default: SBL_SENSOR_HEMICUBE. Default in
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
-    float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place of R,
-                                  see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE TARGET
-                                  ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+    float target_error;        /* accepted root mean square error of R over the visible pixels, as a fraction of the
+                                  mean R (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place
+                                  of R, see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE
+                                  TARGET ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
+                                  decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
-                                  of squared errors over all pixels, with errors as shares of the mean R or, in scenes
-                                  with reflections, of the mean of FINAL. If set, the work ends when no look is worth
-                                  it, and target_error does not end it. Set it for windows, see ON PARTS. Default: 0,
-                                  target_error decides */
+                                  of squared errors over all pixels, with errors as fractions of the mean R or, in
+                                  scenes with reflections, of the mean of FINAL. If set, the work ends when no look is
+                                  worth it, and target_error does not end it. Set it for windows, see ON PARTS. Default:
+                                  0, target_error decides */
     float mean_final[3];       /* in scenes with reflections: the mean of FINAL without emission (red, green, blue) to
                                   which errors are relative; set it for windows, see ON PARTS. Default: all 0, the mean
                                   over the visible pixels */
@@ -1403,8 +1404,8 @@ typedef struct sbl_picture_desc {
     int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
                                   with options.ray_length, because ambient occlusion can be narrow */
-    float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
-                                  their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
+    float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this fraction
+                                  of their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
@@ -1506,7 +1507,7 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean; 0 before the first level is
+        float expected_error;     /* the error predicted so far, as a fraction of the mean; 0 before the first level is
                                      done. Without reflections, it is that of R. With them, it is that of FINAL without
                                      emission, and only its part radiance_error until reflections are measured */
         float radiance_error;     /* the part of expected_error that errors of R cause. Without reflections, it equals
@@ -1517,10 +1518,10 @@ typedef struct sbl_stats {
         int look_rays;            /* number of rays of each look, in the sense of sbl_picture_desc */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
-        float specular_error;     /* the part of expected_error that reflections cause, as a share of the mean of FINAL
-                                     without emission; 0 if no surface in view has reflections */
+        float specular_error;     /* the part of expected_error that reflections cause, as a fraction of the mean of
+                                     FINAL without emission; 0 if no surface in view has reflections */
         float stored_error;       /* the part of radiance_error that sensors cannot reduce: the root mean square error
-                                     of stored light, as a share of the mean R */
+                                     of stored light, as a fraction of the mean R */
         float specular_price;     /* the same as price, for looks at lobes */
         float mean_final[3];      /* the mean of FINAL without emission (red, green, blue) to which errors are relative
                                      in scenes with reflections; 0 before reflections are measured, and without them */
@@ -1530,7 +1531,7 @@ typedef struct sbl_stats {
     struct {
         int seams;                /* number of seams, see ON LIGHTMAPS */
         float seam_before, seam_after;  /* largest difference of the luminance of R across seams, before and after they
-                                     were made equal, as a share of the mean */
+                                     were made equal, as a fraction of the mean */
     } lightmap;
     struct {
         double scene;             /* time that sbl_set_scene took */
@@ -1558,8 +1559,8 @@ typedef struct sbl_site {
 typedef struct sbl_reading {
     float radiance[3];  /* R */
     float noise;        /* standard error of the luminance of R; 0 if it is unknown */
-    float hit_share;    /* cosine-weighted share of the hemisphere that surfaces cover; the rest is sky */
-    float back_share;   /* share of hit_share in which back faces are seen */
+    float hit_share;    /* cosine-weighted fraction of the hemisphere that surfaces cover; the rest is sky */
+    float back_share;   /* fraction of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
     int valid;          /* 0: ignore the other fields, because the sensor is stuck in a surface beside it, the light
@@ -1663,12 +1664,12 @@ typedef struct sbl_probe {
     float sh[9][3];            /* spherical harmonics of the radiance, rgb each */
     float cube[6][3];          /* ambient cube: R on a surface that faces +x, -x, +y, -y, +z, -z. R(n) is about the mean
                                   of the three sides that n turns to, weighted by the squares of n's components */
-    float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
+    float sky;                 /* fraction of all directions in which no surface is seen, 0 to 1 */
     float distance[8];         /* per octant (number: bit 0 is x > 0, bit 1 is y > 0, bit 2 is z > 0): mean world
                                   distance to the surfaces seen in the hemisphere about the octant's middle, weighted by
                                   the cosine to that middle; 0 if no surface is seen there */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
-    float back_share;          /* share of the directions with surfaces in which back faces are seen */
+    float back_share;          /* fraction of the directions with surfaces in which back faces are seen */
     int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
 } sbl_probe;
 
@@ -1788,7 +1789,7 @@ typedef struct sbl_sensor {
     float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1, except for a single view, and about 1 if the rays
                                  are guided or go to mirrored lamps */
-    float back_share;         /* share of the whole weight that sees back faces, unlike in sbl_reading */
+    float back_share;         /* fraction of the whole weight that sees back faces, unlike in sbl_reading */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 1: the pixel's light is from its sensor or from the store; 0: the pixel was
@@ -15510,8 +15511,8 @@ typedef struct sbl__bounce_point {
 } sbl__bounce_point;
 
 /* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
-   number, both weighted by sbl__point_weight and by the share of the point's leaf; bucket: index of the leaf's cell in
-   the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+   number, both weighted by sbl__point_weight and by the `fraction` of the point's leaf; bucket: index of the leaf's
+   cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
 typedef struct sbl__leaf_found {
     float light, rays;
     int bucket;
@@ -15661,7 +15662,7 @@ typedef struct sbl__bounce {
     double change;                   /* balance.change of the previous round */
     /* light, squares: sums, over the rays of all points, of the luminance of the radiance that a ray finds, and of its
        square; rays: number of these rays; received: sum, over points, of the luminance of R of the point's leaf. All
-       are weighted by sbl__point_weight and by the share of the point's leaf. */
+       are weighted by sbl__point_weight and by the `fraction` of the point's leaf. */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -17042,8 +17043,8 @@ static void sbl__solution_reads(sbl__bounce *b, int leaf) {
     if (leaf + 1 == b->store->leaf_count) memset(&b->reads[end], 0, SBL__BOUNCE_AHEAD * sizeof *b->reads);
 }
 
-/* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if it
-   has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
+/* Sets a leaf's number of valid points, its `fraction` and, in b->direct, the mean direct light of its valid points (0
+   if it has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
 static sbl_result sbl__solution_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -18375,9 +18376,9 @@ typedef struct sbl__pixel_lobe {
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
+#define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance ratio */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance ratio */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance ratio */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
 
 #define SBL__REFINE_STAGES(X) \
@@ -18638,8 +18639,8 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__sensor *s, int before,
 }
 
 /* Computes r->variance_ratios: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
-   differences, because the advantage of a Sobol sequence over independent points depends on the scene. A share [k] with
-   too few differences is corrected by the factor of share [k - 1]. With a price, no share is corrected, because each
+   differences, because the advantage of a Sobol sequence over independent points depends on the scene. A ratio [k] with
+   too few differences is corrected by the factor of ratio [k - 1]. With a price, no ratio is corrected, because each
    window would correct it by another factor, and its noise would then differ from that of adjacent windows. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;

@@ -82,8 +82,8 @@ static inline void bake_grid_place(bake_grid *g, const float lowest[3], const fl
     double origin[3], spacing[3];
     int k;
     for (k = 0; k < 3 && g->count[0]; k++) {
-        const double share = 0.5 / g->count[k];  /* as in sbl.h, so that the origin equals the first probe to the bit */
-        origin[k] = (double)(float)((1 - share) * (double)lowest[k] + share * (double)highest[k]);
+        const double fraction = 0.5 / g->count[k];  /* as in sbl.h, so that the origin is the first probe to the bit */
+        origin[k] = (double)(float)((1 - fraction) * (double)lowest[k] + fraction * (double)highest[k]);
         spacing[k] = ((double)highest[k] - (double)lowest[k]) / g->count[k];
     }
     if (g->count[0])

@@ -49,7 +49,7 @@ enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
     [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \
                         "makes only frames A to B, or frame A. The cameras come from --cameras, or from the " \
                         "animated camera of a .gltf or .glb file (LINEAR or STEP keys); frame 1 is at time 0. Only " \
-                        "the camera moves. With --part K/N, a run makes the K-th of N shares of the frames. --stats " \
+                        "the camera moves. With --part K/N, a run makes the K-th of N parts of the frames. --stats " \
                         "writes the sums over all frames. After Ctrl-C, finished frames stay, and the unfinished " \
                         "one is not saved. --resume continues the unfinished windows of a frame; it refuses a frame " \
                         "that already has its output file and no folder of windows", NULL, NULL }, \
@@ -261,7 +261,7 @@ static int frames__read_range(void) {
     return DONE;
 }
 
-/* Reduces the frames of this run to the K-th of N shares. Returns the exit status. */
+/* Reduces the frames of this run to the K-th of N parts. Returns the exit status. */
 static int frames__share(part_choice *part) {
     const int first = frames.first, all = frames.last - frames.first + 1;
     const int status = plan_part(part);
