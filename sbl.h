@@ -278,7 +278,7 @@
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a fraction of the mean. A host may read
    both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
-   first sensors may have missed bright or dark places. Stop only when they have stayed below your limit for several
+   first sensors may have missed bright or dark areas. Stop only when they have stayed below your limit for several
    steps. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see ON
    REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is
    the prediction for R in all pictures.
@@ -291,8 +291,8 @@
    whichever is larger, but always to twice the target or less. If the third part exceeds 0.55 of the target, the
    picture may therefore end with SUCCESS and an expected_error above the target.
 
-   If most light comes through windows or from a few other bright places, the picture first traces rays that find these
-   places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
+   If most light comes through windows or from a few other bright areas, the picture first traces rays that find these
+   areas. Sensors then send most of their rays there, which saves half to two thirds of all rays.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 0.75 to 1.2
@@ -330,7 +330,7 @@
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it. There, light from lamps is measured as sensors measure it, and rays find the sky
    and other cells. These rays define a system of linear equations, whose solution contains all bounces. Then cells in
-   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small places that
+   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small areas that
    are far brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find
    them.
 
@@ -354,7 +354,7 @@
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
-   where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
+   where two small bright areas send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
    windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
    of 1.5 %, and sbl_stats.picture.expected_error says so.
 
@@ -371,86 +371,99 @@
    ON REFLECTIONS
 
    A material with ior or metallic above 0 reflects light as glTF 2.0 describes it in its appendix B, with single
-   scattering. N is the normal, V the direction to the viewer, L to the light, H = normalize(V + L); m is metallic, t
+   scattering. Pictures show these reflections, except in SBL_MODE_PAPER and in scenes with a draw callback, where all
+   materials are matte and solid. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around
+   them reflect.
+
+   Model: N is the normal, V the direction to the viewer, L to the light, H = normalize(V + L); m is metallic, t
    transmission, base the albedo, alpha = roughness^2:
 
        Fd = F0 + (1 - F0) (1 - V.H)^5,        F0 = ((ior - 1) / (ior + 1))^2
        Fm = base + (1 - base) (1 - V.H)^5
        f  = (1 - m) (1 - t) (1 - Fd) base / pi  +  ((1 - m) Fd + m Fm) D Vis
 
-   D is the GGX distribution, Vis the height-correlated term of Smith. The second term of f is the specular lobe. A
-   surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1 - Fd) of the light straight
-   through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light. Pictures show all of this, except
-   in SBL_MODE_PAPER and in scenes with a draw callback, where all materials are matte and solid. At pixel centres
-   (sbl_picture_desc.samples = 1), and except for the light that panes in front of the surface add themselves:
+   D is the GGX distribution, Vis the height-correlated term of Smith. The first term of f is the diffuse component, the
+   second is the specular lobe. A surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1
+   - Fd) of the light straight through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light.
+
+   Channels: at pixel centres (sbl_picture_desc.samples = 1), and except for the light that panes in front of the
+   surface add themselves:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   No channel holds only the emission, or only the light that panes add. ALBEDO is the albedo of the diffuse part for
-   this view. SPECULAR_ALBEDO is the fraction of uniform light that the lobe reflects to the camera, but at least 0.001,
-   or 0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
-   radiance in the lobe. The error of FINAL is the root mean square, over the centres of the visible pixels, of the
-   error of its luminance, as a fraction of the mean luminance of FINAL without emission. Sensors measure R until the
-   error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure
-   SPECULAR until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up:
-   radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of
-   stored light in lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error
-   can be 1.4 times the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a
-   picture may miss the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is
-   the predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the
-   measurement of R. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   ALBEDO is the albedo of the diffuse component for this view. SPECULAR_ALBEDO is the fraction of uniform light that
+   the lobe reflects to the camera, but at least 0.001, or 0 if the surface is matte. SPECULAR is the light that the
+   lobe reflects, divided by SPECULAR_ALBEDO: the mean radiance in the lobe. Where SBL_MATERIAL_NO_SENSORS forbids
+   sensors, the lobe reflects the stored light. No channel holds only the emission, or only the light that panes add.
 
-       lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
-                  form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
-                  rays to lamps measure lamps (multiple importance sampling). For point, spot and directional lights, f
-                  itself is evaluated; perfect mirrors do not show them
-       mirrors    a pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is seen
-                  directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. Here, a
-                  mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have
-                  such an albedo. All channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION,
-                  ID and DEPTH (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO
-                  multiplied by what the mirrors on the way reflect and the panes pass. The picture therefore never
-                  contains SPECULAR of a mirror itself. Where a mirror shows only sky, the channels are those of the
-                  mirror, with ALBEDO and SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a
-                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
-                  these mirrors show. The same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16.
-                  All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other
-                  smooth surfaces are measured by rays
-       panes      a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own
-                  diffuse part shows the stored light. The surfaces that a pane mirrors also show their stored light,
-                  with two exceptions: other panes show what is behind them, and metal of a roughness below 0.5 is a
-                  mirror there; if its roughness is 0.05 to 0.16, anti-aliasing samples blur what it mirrors. The
-                  predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide.
-                  No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps
-                  and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps
-                  find
+   Target error: the error of FINAL is the root mean square, over the centres of the visible pixels, of the error of its
+   luminance, as a fraction of the mean luminance of FINAL without emission. Sensors measure R until the error of ALBEDO
+   * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR until the
+   error of FINAL is within it, too. The square of the error of FINAL is the sum of three squares: of radiance_error, of
+   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and of the error of stored light in
+   lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
+   the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
+   the default target, because of the limit of looks (see ON THE TARGET ERROR).
 
-   In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
-   none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+   Channels of errors: SBL_CHANNEL_ERROR is the predicted error of FINAL. The channels RADIANCE_ERROR, SENSORS and
+   LOOKS, and sbl_inspect_sensor, describe the measurement of R.
 
-   Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
+   Lamps in lobes: if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
+   form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and rays to lamps
+   measure lamps (multiple importance sampling). For point, spot and directional lights, f itself is evaluated. Perfect
+   mirrors do not show these lights.
+
+   Mirrors: here, a mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02. Most metals
+   have such an albedo. A pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is
+   seen directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. The lobes of other
+   smooth surfaces are measured by rays.
+
+   Channels in mirrors: all channels belong to the surface that is seen. RADIANCE, SPECULAR, NORMAL, POSITION, ID and
+   DEPTH (negative if the surface lies behind the camera) are unchanged. ALBEDO and SPECULAR_ALBEDO are multiplied by
+   what the mirrors on the way reflect and the panes pass. The picture therefore never contains SPECULAR of a mirror
+   itself. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and SPECULAR_ALBEDO 0.
+
+   Blurred mirrors: if a material (without its texture) is a mirror of a roughness of 0.05 or more, FINAL has at least
+   16 anti-aliasing samples per pixel, which blur what these mirrors show. The same applies to scenes with a pane and
+   metal of a roughness of 0.05 to 0.16. All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1.
+
+   Panes: a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own diffuse
+   component shows the stored light. The surfaces that a pane mirrors also show their stored light, with two exceptions:
+   other panes show what is behind them, and metal of a roughness below 0.5 is a mirror there, which anti-aliasing
+   samples blur as above. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps find.
+   The predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide. No light is
+   stored in SBL_MODE_DIRECT: the diffuse component is then black, and a pane mirrors only lamps and the sky.
+
+   Hidden surfaces: in mirrors and behind panes, pixels show what sensors see: also surfaces with
+   SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+
+   Normal maps: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
    glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
    if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
    light arrives only from above the surface. A ray that starts below it meets the surface, and finds the light that the
-   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the
-   lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer together, down to
-   one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the texture.
+   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their deviation from this
+   mean widens the lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer
+   together, down to one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the
+   texture.
 
-   Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
-   along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
-   there, as if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send
-   by way of mirrors (caustics) is therefore blurred, but has no specks. Sensors send a part of their rays to lamps
-   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 may continue
-   in a direction of the lobe there, too, as if the roughness were at least 0.15. It always does so at angles at which
-   more than a fifth of the light is reflected, and with a smaller chance at other angles. All other surfaces reflect as
-   diffuse surfaces of the same mean albedo. In views (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
-   Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   Metal and gloss in bounced light: here, a surface with a lobe counts as metal if the lobe reflects more than a fifth
+   of the light along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of
+   the lobe there, as if the roughness were at least 0.3. A ray that fills the store does so only once. A ray of a
+   sensor that meets gloss of a roughness below 0.5 may continue in a direction of the lobe, too, as if the roughness
+   were at least 0.15. It always does so at angles at which more than a fifth of the light is reflected, and with a
+   smaller chance at other angles. All other surfaces reflect as diffuse surfaces of the same mean albedo. In views
+   (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
+
+   Caustics: light that lamps send by way of mirrors is blurred, but has no specks. Sensors send some of their rays to
+   lamps that they may see in flat surfaces with a narrow lobe, such as a polished floor.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.5 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 1.8 % of the
-   mean. On a software renderer, the box takes three times as long as with matte materials, mostly because rays that go
-   on from metal take longer, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
-   Rooms with mirrors, panes and a bright bulb can take 30 times as long.
+   mean.
+
+   Cost: on a software renderer, this box takes three times as long as with matte materials, mostly because rays that
+   continue from metal take longer, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times. Rooms with
+   mirrors, panes and a bright bulb can take 30 times as long.
 
    Accuracy of the prediction: in eight random rooms with metal and gloss, the predicted error of FINAL is 0.8 to 1.1
    times the true one, which is measured against pictures with a smaller target and more cells. Against a path tracer,
@@ -507,7 +520,7 @@
    a chart does not tell what the light is at the other.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
-   which measures several places per texel. A value of 2 takes about twice the time.
+   which measures several positions per texel. A value of 2 takes about twice the time.
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
    mouldings they lean far from the true normals, and the light differs much from that of a path tracer that uses true
@@ -515,9 +528,9 @@
    smooth. With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near
    that a texel is larger than a pixel, its facets then show.
 
-   Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
-   Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
-   if no mesh has lightmap_texcoords, it does not begin.
+   Overlaps: if charts overlap or leave the map, a warning names the first such texel; SBL_CHANNEL_OVERLAP shows
+   overlaps. Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake
+   fails, and if no mesh has lightmap_texcoords, it does not begin.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. With these four alone, R for a normal m would be
@@ -813,24 +826,16 @@
 
    ON PARTS
 
-   A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
-   selects a part; width, height and view_to_clip stay those of the whole picture. On the same GL driver, a window is
-   the same to the bit, no matter which windows were made before. Windows fit together, because their tiles and the
-   rotations of their sensors are those of the whole picture, and because a window also measures a margin, which is not
-   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 3 * tile + filter_radius +
-   1. Windows with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the
-   complete picture with this mean and price. The joined picture therefore hardly has larger steps of light at the
-   borders of windows than the complete picture has at these places.
+   A picture, a lightmap, probes or light at vertices can be made in parts: one after the other if memory does not hold
+   the whole, or at the same time on several machines.
 
-   The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
-   of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
-   target error by itself. Some sensors of the joined picture are then at other positions, and the joined picture
-   differs from the picture of one call by less than the target. Differences between neighbouring pixels at the borders
-   are 1 to 1.5 times as large as in the picture of one call (in three scenes).
+   Windows: sbl_picture_desc.window selects a part of a picture; width, height and view_to_clip stay those of the whole
+   picture. In sbl_inspect_sensor and in channels, pixels are those of the window. The pixel (x, y) in ON DETERMINISM is
+   a pixel of the whole picture.
 
-   All windows of a picture should share five things. A small picture of the whole, which has the same target error,
-   supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
-   of the whole, if that is less) and at most 512:
+   What windows must share: all windows of a picture should have five things in common. A small picture of the whole,
+   which has the same target error, supplies the first four. Its width or height should be a quarter of the whole, but
+   at least 192 pixels (or the size of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a fraction of the mean R of the whole picture. Otherwise it is a fraction of each
@@ -847,25 +852,37 @@
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
-   The pixel (x, y) in ON DETERMINISM is a pixel of the whole picture. In sbl_inspect_sensor and in channels, pixels are
-   those of the window.
+   Borders of windows: on the same GL driver, a window is the same to the bit, no matter which windows were made before.
+   Windows fit together, because their tiles and the rotations of their sensors are those of the whole picture, and
+   because a window also measures a margin, which is not shown. The margin adds up to tile + filter_radius + 1 pixels at
+   each side, or with a price 3 * tile + filter_radius + 1.
 
-   SBL_CHANNEL_WORK of the small picture shows how to divide the whole into windows that take about equally long. With
+   Joined and complete pictures: windows with the same mean, price and rays have nearly the same sensors, with the same
+   numbers of looks, as the complete picture with this mean and price. The joined picture is not to the bit the picture
+   that one call makes, but few pixels differ, at the borders of windows and where rounding moves an edge across the
+   centre of a pixel. Steps of light at the borders of windows are hardly larger than those that the complete picture
+   has there.
+
+   Without a price: each window reaches the target error by itself. Some sensors of the joined picture are then at other
+   positions, and the joined picture differs from the picture of one call by less than the target. Differences between
+   neighbouring pixels at the borders are 1 to 1.5 times as large as in the picture of one call (in three scenes).
+
+   Windows that take equally long: SBL_CHANNEL_WORK of the small picture shows how to divide the whole. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
    hierarchy of triangles, which is the same on all machines with the same driver. It also counts looks at lobes. In
    lightmaps, it counts only looks.
 
-   A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
-   supersample supplies the mean, the rays and the price. In the factor of the price, the number of pixels of the whole
-   is then width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if
-   the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and so on, of each window
-   to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If
-   a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
-   baked at once.
+   Windows of lightmaps: sbl_lightmap_desc.window selects a part of a lightmap. Mean, price, rays and store are as
+   above. A small lightmap without supersample supplies the mean, the rays and the price. In the factor of the price,
+   the number of pixels of the whole is then width * height * supersample^2. Windows have no gutters. Copy
+   SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped,
+   SBL_CHANNEL_GROUP_0 and so on, of each window to its position in arrays of the whole map. When all windows are there,
+   sbl_join_windows makes the gutters and seams. If a single window shows the whole map, and has no mean and price set,
+   the joined map is to the bit the map that is baked at once.
 
-   Probes and light at vertices can be baked in parts, too. On the same GL driver, the parts equal the whole to the bit.
-   In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
-   part may also make the light itself, because it has the same bits on the same driver.
+   Parts of probes and vertices: on the same GL driver, the parts equal the whole to the bit. In SBL_MODE_GI, all parts
+   need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each part may also make the light
+   itself, because it has the same bits on the same driver.
 
        probes     set first_probe to the number of the part's first probe, and probe_count to the number of its probes:
                   0 and 300 for the first part, 300 and 300 for the second, and so on. The grid stays that of the whole.
@@ -1097,7 +1114,7 @@ typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
     sbl_stream normals;    /* 3 components in object space, of any length. Default: triangles are flat */
     sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
-    sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is its upper left corner, (1, 1)
+    sbl_stream lightmap_texcoords;  /* 2 components, the position in a lightmap: (0, 0) is its upper left corner, (1, 1)
                               its lower right corner. Default: the mesh is in no lightmap */
     sbl_stream colors;     /* 4 components, 0 to 1: linear rgb, which multiplies albedo, and alpha. Default: 1 1 1 1 */
     sbl_stream indices;    /* 3 per triangle; type: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
@@ -1383,8 +1400,8 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a fraction of the
-                                  mean R (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place
-                                  of R, see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE
+                                  mean R (see mean_radiance), 0 to 1. In scenes with reflections, it is the error of
+                                  FINAL, see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE
                                   TARGET ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
                                   decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
@@ -1399,7 +1416,7 @@ typedef struct sbl_picture_desc {
                                   over the visible pixels */
     float specular_price;      /* the same as price, for looks at lobes. Default: 0, target_error decides */
     int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
-                                  minus sign, rays are guided to bright places. Set it for windows, see ON PARTS; it
+                                  minus sign, rays are guided to bright areas. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
     int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
@@ -1435,8 +1452,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, and what panes add, anti-aliased;
                                see ON REFLECTIONS. In lightmaps R, continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
-    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse part; in
-                               mirrors and behind panes, times what these reflect or pass */
+    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse
+                               component; in mirrors and behind panes, times what these reflect or pass */
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
@@ -1610,16 +1627,16 @@ typedef struct sbl_lightmap_desc {
     int directional;           /* 1: channels SH_0 to SH_3 are made, see ON LIGHTMAPS. Default: 0, they are not */
     int grouped;               /* 1: channels GROUP_0 to GROUP_7 are made, see ON LIGHT GROUPS; not together with
                                   directional. Default: 0, they are not */
-    int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
-                                  and SH are their means, other channels show the place nearest to the centre. width and
-                                  height times this are at most 16384. Default: 1 */
+    int supersample;           /* number of positions across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
+                                  and SH are their means, other channels show the position nearest to the centre. width
+                                  and height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc.
                                   Default: 0.02 / 0.005 / 0.0025 */
     float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
-    int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
+    int tile;                  /* distance between sensors of the first level, in positions of `supersample`, which are
                                   texels if it is 1. Default: 8, or 4 with options.ray_length. It is half of a
                                   picture's, because objects that cover parts of a wall leave no edges in its chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
@@ -1688,7 +1705,8 @@ typedef struct sbl_probes_desc {
                                   y. They are at the centres of equal boxes that fill lowest to highest. Default (all
                                   zero): no grid, so positions must be set */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
-    float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
+    float move;                /* maximum world distance by which a probe is moved out of a solid, see ON PROBES.
+                                  Default: 0 */
     sbl_probe *groups;         /* NULL, or receives the light of the light groups of the scene: a probe for each group
                                   of the first position, then those of the second, and so on. Their sh and cube add up
                                   to those of the whole probe; all other fields are equal to its fields. See ON LIGHT
@@ -1874,9 +1892,9 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a lightmap, which takes the place of a picture: the functions below, from sbl_step on, treat it as a picture.
-   desc: NULL means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has
-   lightmap_texcoords), and OUT_OF_MEMORY, which drops all former work. */
+/* Starts a lightmap. It replaces a picture: the functions below, from sbl_step on, treat it as a picture. desc: NULL
+   means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has lightmap_texcoords), and
+   OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
 /* Starts to join the windows of a lightmap: continues the light into the gutters, and makes it equal across seams. The
@@ -3129,7 +3147,7 @@ typedef struct sbl__record {
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
-                                          diffuse part is then ignored */
+                                          diffuse component is then ignored */
 #define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
@@ -5930,7 +5948,7 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 albedo;       // albedo; if the surface also has a lobe, the mean over all directions\n",
 "    bool cut_out;      // true: the point lies in a hole\n",
 "#ifdef SBL_SPECULAR\n",
-"    vec3 diffuse;      // albedo of the diffuse part, seen along the normal\n",
+"    vec3 diffuse;      // albedo of the diffuse component, seen along the normal\n",
 "    vec3 reflectance;  // reflectance of the specular lobe, seen along the normal\n",
 "    float roughness;   // 0 to 1; negative: the surface is matte\n",
 "    float opacity;     // coverage of the surface at this point, 0 to 1\n",
@@ -5997,7 +6015,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue\n",
-"// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
+"// in its lobe; the others find only its diffuse component (see sbl_face_ray).\n",
 "bool sbl_hit_as_gloss(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_is_strong(m, m.reflectance);\n",
 "}\n",
@@ -6072,7 +6090,7 @@ static const char *const sbl__glsl_material[] = {
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
 "// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For\n",
-"// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.\n",
+"// gloss, this is only the diffuse component, because rays that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
@@ -6099,7 +6117,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns the radiance that the diffuse part of a surface reflects. light: R at the surface\n",
+"// Returns the radiance that the diffuse component of a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }\n",
 "\n",
 "// Returns the radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the\n",
@@ -6118,7 +6136,7 @@ static const char *const sbl__glsl_material[] = {
 "    return m.opacity * sbl_fresnel(m.reflectance, cosine);\n",
 "}\n",
 "\n",
-"// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.\n",
+"// Returns the albedo of the diffuse component of a surface for a viewer at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
 "#endif\n",
 "\n",
@@ -13845,9 +13863,9 @@ static const char *const sbl__glsl_reflect[] = {
 "// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface\n",
 "// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.\n",
 "// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because\n",
-"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this\n",
-"// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo\n",
-"// includes the lobe\n",
+"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for\n",
+"// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the\n",
+"// albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
 "    hit_continues = sbl_is_strong(m, m.reflectance);\n",
 "    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
@@ -14061,9 +14079,9 @@ static const char *const sbl__glsl_trace[] = {
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
 "// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
-"// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.\n",
-"// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which\n",
-"// lamps.glsl measures for the sensor.\n",
+"// which further rays find; but if the surface shines, it contains the stored light that the diffuse component\n",
+"// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of\n",
+"// glows, which lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -14091,7 +14109,7 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
 "        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
 "#ifdef SBL_SPECULAR\n",
-"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
+"        // The lobe of the hit continues the ray; the diffuse component reflects stored light.\n",
 "        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
@@ -14444,13 +14462,13 @@ static const char *const sbl__glsl_mirrored[] = {
 "uniform int mirrored_count;               // number of records in the scene\n",
 "// scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the\n",
 "// directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so\n",
-"// that guides send few further rays to these places\n",
+"// that guides send few further rays to these lamps\n",
 "uniform bool scouts;\n",
 "\n",
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
+"const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
 "                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
@@ -22449,8 +22467,8 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Unless the host has set the mean of FINAL without emission, estimates it. R takes the place of the light in lobes,
-   which is not known yet. */
+/* Unless the host has set the mean of FINAL without emission, estimates it. R stands for the light in lobes, which is
+   not known yet. */
 static void sbl__reflections_set_mean(sbl__reflections *f) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
     int k;

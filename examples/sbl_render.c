@@ -58,7 +58,7 @@ static const tool_option table[OPTION_COUNT] = {
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
                   "final             the default: the finished picture\n"
                   "radiance          R: irradiance / pi, light without surface colour\n"
-                  "albedo            surface colour; where there are reflections, that of the diffuse part\n"
+                  "albedo            surface colour; where there are reflections, that of the diffuse component\n"
                   "normal            in world space\n"
                   "position          in world space\n"
                   "id                a number for each mesh\n"

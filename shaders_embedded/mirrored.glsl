@@ -7,13 +7,13 @@
 uniform int mirrored_count;               // number of records in the scene
 // scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the
 // directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so
-// that guides send few further rays to these places
+// that guides send few further rays to these lamps
 uniform bool scouts;
 
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the
+const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the
                                           // mirrored lamps; d: direct, unobstructed light of their brightest lamp
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow

@@ -16,9 +16,9 @@ float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direc
 // Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface
 // continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.
 // Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because
-// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this
-// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo
-// includes the lobe
+// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for
+// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the
+// albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_continues = sbl_is_strong(m, m.reflectance);
     for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {

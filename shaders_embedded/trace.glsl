@@ -61,9 +61,9 @@ const int sky_layer = 0;
 // Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
 // radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if
 // the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,
-// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.
-// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which
-// lamps.glsl measures for the sensor.
+// which further rays find; but if the surface shines, it contains the stored light that the diffuse component
+// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of
+// glows, which lamps.glsl measures for the sensor.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -91,7 +91,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
         sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
 #ifdef SBL_SPECULAR
-        // The lobe of the hit continues the ray; the diffuse part reflects stored light.
+        // The lobe of the hit continues the ray; the diffuse component reflects stored light.
         if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
