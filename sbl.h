@@ -13239,32 +13239,33 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the view texture's part for stuck tests, in texels */
 
 /* How looks of one kind (at a site, or stuck tests) are divided into views: directions, projections and positions */
-typedef struct sbl__lens {
+typedef struct sbl__sheets {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture; each contains the sheet of one look */
     int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height in texels */
     sbl__texture weights;       /* per texel of a sheet: weight, and ratio of distance to depth, see sbl__weights_row */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
-} sbl__lens;
+} sbl__sheets;
 
-/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK, a stuck test, looks from a sensor at its surface. */
-enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
+/* Kinds of looks: SBL__LOOK_SITE measures light; SBL__LOOK_STUCK, a stuck test, looks from a sensor at its surface. */
+enum { SBL__LOOK_SITE, SBL__LOOK_STUCK, SBL__LOOK_KINDS };
 
 typedef struct sbl__raster {
-    sbl__lens lenses[SBL__LENSES];
+    sbl__sheets sheets[SBL__LOOK_KINDS];
     sbl__texture view_texture, depth;
     sbl__target target;
     sbl__buffer views;
     float radiance_scale;      /* value in the view texture per unit of radiance */
-    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them, else NULL */
+    float *weights, *directions;  /* texels of the textures sbl__sheets.weights and .directions while sbl__raster_weigh
+                                     computes them; otherwise NULL */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     int i;
-    for (i = 0; i < SBL__LENSES; i++) {
-        sbl__texture_delete(d, &r->lenses[i].weights);
-        sbl__texture_delete(d, &r->lenses[i].directions);
+    for (i = 0; i < SBL__LOOK_KINDS; i++) {
+        sbl__texture_delete(d, &r->sheets[i].weights);
+        sbl__texture_delete(d, &r->sheets[i].directions);
     }
     sbl__target_delete(d, &r->target);
     sbl__texture_delete(d, &r->view_texture);
@@ -13274,43 +13275,44 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__free(d->base, r->directions);
 }
 
-/* Computes the slots and the area of a lens. They fit into a square of view_texture_size texels, or of the size of one
-   sheet if that is larger, up to the driver's limit `most`. If a sheet exceeds the limit, the lens has 0 slots. */
-static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
-    const sbl__layout *l = &lens->layout;
+/* Computes `slots` and `area`, for slots that each contain the sheet of one look. They fit into a square of
+   view_texture_size texels, or of the size of one sheet if that is larger, up to the driver's limit `most`. If a sheet
+   exceeds the limit, there are 0 slots. */
+static void sbl__sheets_fit(sbl__sheets *sheets, int view_texture_size, int most) {
+    const sbl__layout *l = &sheets->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
     const int columns = size / pitch[0];
     int rows = size / pitch[1];
     if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
-    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
-    lens->slots.columns = columns;
-    lens->slots.count = columns * rows;
-    lens->area[2] = columns * pitch[0];
-    lens->area[3] = rows * pitch[1];
+    memcpy(sheets->slots.blocks, l->blocks, sizeof l->blocks);
+    sheets->slots.columns = columns;
+    sheets->slots.count = columns * rows;
+    sheets->area[2] = columns * pitch[0];
+    sheets->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture and the textures of partial sums. Returns SBL_ERROR_UNSUPPORTED if a sheet is too large. */
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
-    sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
+    sbl__sheets *sheets = &r->sheets[SBL__LOOK_SITE], *stuck = &r->sheets[SBL__LOOK_STUCK];
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
-    sbl__layout_make(&lens->layout, spec->hemicube, spec->size, spec->fov);
+    sbl__layout_make(&sheets->layout, spec->hemicube, spec->size, spec->fov);
     sbl__layout_make(&stuck->layout, 0, SBL__STUCK_SIZE, SBL__STUCK_FOV);
-    sbl__lens_fit(lens, spec->view_texture_size, most);
-    sbl__lens_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
-    if (lens->slots.count < 1) {
+    sbl__sheets_fit(sheets, spec->view_texture_size, most);
+    sbl__sheets_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
+    if (sheets->slots.count < 1) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, but "
-                 "the driver's limit is %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
-                 sbl__layout_pitch(&lens->layout, 1), most);
+                 "the driver's limit is %d; use a smaller sensor_size", spec->size,
+                 sbl__layout_pitch(&sheets->layout, 0), sbl__layout_pitch(&sheets->layout, 1), most);
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
-        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
+        size[k] = SBL__MAX(sheets->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(sheets->area[2 + k] / sheets->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
@@ -13323,13 +13325,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels and, for directional lightmaps, their directions, row by row, and uploads
+/* Computes the weights of a sheet's texels and, for directional lightmaps, their directions, row by row, and uploads
    them. Returns SBL_UNFINISHED if the slice ends before they are complete. */
-static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
+static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__sheets *sheets, const sbl__spec *spec,
                                     const sbl__slice *slice) {
-    const sbl__layout *l = &lens->layout;
+    const sbl__layout *l = &sheets->layout;
     const int width = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    const int paper = spec->paper && lens == &r->lenses[SBL__LENS_SITE];
+    const int paper = spec->paper && sheets == &r->sheets[SBL__LOOK_SITE];
     sbl_result result;
     if (!r->weights) r->weights = (float *)sbl__alloc(d->base, (size_t)width * (size_t)height, 8);
     if (!r->directions && spec->directional)
@@ -13341,11 +13343,11 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    result = sbl__texture_make(d, &sheets->weights, width, height, SBL__GL_RG32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &sheets->weights, 0, height, r->weights);
     if (result == SBL_SUCCESS && spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+        result = sbl__texture_make(d, &sheets->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &sheets->directions, 0, height, r->directions);
     }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
@@ -13517,10 +13519,10 @@ static const sbl__input sbl__view_inputs[] = {
 
 /* Clears whole rows of slots, at least the first `slots` slots, to the radiance sbl_scene_desc.sky and the farthest
    depth. Later, sbl__raster_sky draws the environment's picture into them. */
-static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
+static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
                               const sbl__scene *scene, int slots) {
-    const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int rows = (slots + sheets->slots.columns - 1) / sheets->slots.columns;
+    const int used[4] = { 0, 0, sheets->area[2], rows * sbl__layout_pitch(&sheets->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -13529,23 +13531,24 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
 }
 
 /* Gets the lowest x and y of a slot's sheet in the view texture, in texels. */
-static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
-    corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
-    corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
+static void sbl__raster_corner(const sbl__sheets *sheets, int slot, int corner[2]) {
+    corner[0] = slot % sheets->slots.columns * sbl__layout_pitch(&sheets->layout, 0);
+    corner[1] = slot / sheets->slots.columns * sbl__layout_pitch(&sheets->layout, 1);
 }
 
-static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    const sbl__layout *l = &lens->layout;
+static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__sheets *sheets,
+                                   const sbl__batch *b) {
+    const sbl__layout *l = &sheets->layout;
     const size_t count = (size_t)b->count * (size_t)l->view_count;
-    const size_t room = (size_t)lens->slots.count * (size_t)l->view_count;
+    const size_t room = (size_t)sheets->slots.count * (size_t)l->view_count;
     sbl__view *views = (sbl__view *)sbl__alloc_raw(d->base, count, sizeof *views);
     sbl_result result;
     int i, face, corner[2];
     if (!views) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
-            sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
+            sbl__raster_corner(sheets, b->slot + i, corner);
+            sbl__view_make(l, &b->looks[i], face, corner, sheets->area + 2, &views[i * l->view_count + face]);
         }
     result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
@@ -13554,16 +13557,16 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
 
 /* Fills the draw callback's description of a view, except the fields that sbl__host_draw sets. number: index of the
    view in b */
-static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
+static void sbl__raster_view(const sbl__raster *r, const sbl__sheets *sheets, const sbl__batch *b, int number,
                              sbl_draw_view *v) {
-    const sbl__layout *l = &lens->layout;
+    const sbl__layout *l = &sheets->layout;
     const int i = number / l->view_count, face = number % l->view_count, *rect = l->rects[face];
     const sbl__look *look = &b->looks[i];
     const double per_length = 1 / (double)b->scene->geometry.extent;
     double right[3], up[3], forward[3];
     int corner[2], k;
     memset(v, 0, sizeof *v);
-    sbl__raster_corner(lens, b->slot + i, corner);
+    sbl__raster_corner(sheets, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
     for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
@@ -13592,45 +13595,46 @@ static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const 
 }
 
 /* Draws the environment's picture. The scene's vertex array must have the attributes of the views. */
-static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
+static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
+                                  const sbl__batch *b) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__pass(d, &r->target, lens->area, NULL, 0);
+    sbl__pass(d, &r->target, sheets->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * lens->layout.view_count);
+    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * sheets->layout.view_count);
     return SBL_SUCCESS;
 }
 
 /* Draws the triangles first .. end - 1 of the scene to all views of a batch. If first is 0, also draws the sky's
    picture, unless spec.paper is 1. If end is the triangle count, also calls the host's draw callback for each view. */
-static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
+static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__sheets *sheets, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
-    const int views = b->count * lens->layout.view_count;
+    const int views = b->count * sheets->layout.view_count;
     sbl_result result = SBL_SUCCESS;
     sbl_draw_view view;
     int i;
-    if (first == 0) result = sbl__raster_send(d, r, lens, b);
+    if (first == 0) result = sbl__raster_send(d, r, sheets, b);
     if (result != SBL_SUCCESS) return result;
     sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b);
+    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, sheets, b);
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
-        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, sheets->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", !b->spec->paper);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
+        sbl__set_vec2(d, "view_texture_size", (float)sheets->area[2], (float)sheets->area[3]);
         sbl__set_int(d, "first_triangle", first);
         if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
         sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
-        sbl__raster_view(r, lens, b, i, &view);
+        sbl__raster_view(r, sheets, b, i, &view);
         sbl__host_draw(d, &r->target, b->scene->draw, &view, b->scene->draw_user);
     }
     return result;
@@ -13638,7 +13642,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
 
 /* Gives lamps.glsl access to the views, because only views show whether the host's own geometry hides a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
-    const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
+    const sbl__layout *l = &r->sheets[SBL__LOOK_SITE].layout;
     int i, k;
     sbl__bind(d, "view_texture", &r->view_texture);
     for (i = 0; i < l->view_count; i++) {
@@ -13705,19 +13709,19 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
 };
 
 /* Computes the partial sums of rows[1] rows of slots, from row rows[0] on. looks: NULL if the job is not directional */
-static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
-                                     const sbl__table *looks, const int rows[2]) {
-    const sbl__layout *l = &lens->layout;
+static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
+                                     const sbl__blocks *b, const sbl__table *looks, const int rows[2]) {
+    const sbl__layout *l = &sheets->layout;
     const sbl_result result = sbl__use(d, &sbl__recipe_reduce_blocks, looks ? (unsigned)SBL__DIRECTIONAL : 0);
-    const int area[4] = { 0, rows[0] * l->blocks[1], lens->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
+    const int area[4] = { 0, rows[0] * l->blocks[1], sheets->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &b->target, area, NULL, 0);
     sbl__bind(d, "view_texture", &r->view_texture);
-    sbl__bind(d, "weights", &lens->weights);
+    sbl__bind(d, "weights", &sheets->weights);
     if (looks) {
-        sbl__bind(d, "directions", &lens->directions);
+        sbl__bind(d, "directions", &sheets->directions);
         sbl__bind_table(d, "sbl_looks", looks);
-        sbl__set_int(d, "columns", lens->slots.columns);
+        sbl__set_int(d, "columns", sheets->slots.columns);
     }
     sbl__set_int(d, "block", l->block);
     sbl__set_ints(d, "blocks", l->blocks[0], l->blocks[1]);
@@ -13733,7 +13737,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, in texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, of one ray each */
+    sbl__slots slots[SBL__LOOK_KINDS]; /* slots in the partial sums, for looks at sites and for stuck tests (one ray
+                                          each) */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -13751,7 +13756,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_ITERATIONS / 4, SBL__POOL_RAYS, spec->divisor);
     const int chunk = SBL__MIN(most, sbl__trace_pools(d, scene, spec) ? SBL__POOL_RAYS : (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, invocations = sbl__aim_invocations(spec, &scene->hierarchy);
-    sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
+    sbl__slots *s = &t->slots[SBL__LOOK_SITE], *stuck = &t->slots[SBL__LOOK_STUCK];
     sbl_result result;
     int rows;
     s->blocks[0] = SBL__MIN(chunks, 4);
@@ -14693,7 +14698,7 @@ typedef struct sbl__job {
     sbl__look *looks;           /* the look in each slot */
     sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
     sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is 1 */
-    int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
+    int look_kind;              /* kind of looks of the current round: SBL__LOOK_SITE or SBL__LOOK_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_capacity;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
@@ -14706,7 +14711,7 @@ typedef struct sbl__job {
     int drawn, aimed, reduced;  /* indices of three looks: the next to draw, to trace rays to lamps for, to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: none */
     int triangle;               /* index of the next triangle to draw for this batch */
-    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
+    struct { sbl__pace draw[SBL__LOOK_KINDS], aim, reduce[SBL__LOOK_KINDS]; } paces;
 } sbl__job;
 
 /* Frees the resources of traced jobs. Making them again takes less time than the first round of a picture. */
@@ -14816,18 +14821,18 @@ typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 21 * sizeof(int) + 4 
 
 /* >>job: setting up */
 
-static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
-    return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
+static const sbl__slots *sbl__look_slots(const sbl__job *j, int look_kind) {
+    return j->task.spec.traced ? &j->trace.slots[look_kind] : &j->raster.sheets[look_kind].slots;
 }
 
-static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
+static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__look_slots(j, j->look_kind); }
 
 /* Returns the factor of all radiance in the job's textures. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
 /* Returns the layout of a look's views, or NULL if sensors trace rays. */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
-    return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
+    return j->task.spec.traced ? NULL : &j->raster.sheets[SBL__LOOK_SITE].layout;
 }
 
 /* Makes the textures and the sequences for rays' directions, and allocates the arrays of looks, one per slot. */
@@ -14835,16 +14840,16 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    int room = 0, lens;
+    int room = 0, kind;
     sbl_result result;
     (void)slice;
     j->device->gl.doing = "making the sensors' textures";
-    j->lens = SBL__LENS_SITE;
+    j->look_kind = SBL__LOOK_SITE;
     if (spec->traced) result = sbl__trace_setup(d, &j->trace, j->scene, spec, &j->blocks);
     else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
     if (result == SBL_SUCCESS) result = sbl__aim_setup(d, &j->aim, spec, sbl__job_slots(j), &j->scene->hierarchy);
     if (result != SBL_SUCCESS) return result;
-    for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
+    for (kind = 0; kind < SBL__LOOK_KINDS; kind++) room = SBL__MAX(room, sbl__look_slots(j, kind)->count);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->lobes);
     j->lobes = NULL;
@@ -14857,9 +14862,9 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
 /* Computes the weights of views, if sensors rasterise, and records the spec and the scene of the resources. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
-    for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
-        sbl__lens *lens = &j->raster.lenses[j->lens];
-        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
+    for (; j->look_kind < SBL__LOOK_KINDS && !j->task.spec.traced; j->look_kind++) {
+        sbl__sheets *sheets = &j->raster.sheets[j->look_kind];
+        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, sheets, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
     j->made_for = j->task.spec;
@@ -14966,19 +14971,19 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts a round of looks. lens: kind of these looks, SBL__LENS_SITE or SBL__LENS_STUCK. Returns SBL_ERROR_UNSUPPORTED
-   if a texture cannot hold the results. */
-static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
+/* Starts a round of looks of one kind, SBL__LOOK_SITE or SBL__LOOK_STUCK. Returns SBL_ERROR_UNSUPPORTED if a texture
+   cannot hold the results. */
+static sbl_result sbl__job_start_round(sbl__job *j, int look_kind) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size;
     const int textures = (j->task.spec.directional ? 5 : 2) + SBL__LAYER_TEXTURES(j->task.spec.groups);
     const sbl__target *results = &j->results.target;
     double looks = 0;
     int i, rows;
-    j->lens = lens;
+    j->look_kind = look_kind;
     j->site = j->look = j->batch = 0;
-    j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    if (lens == SBL__LENS_STUCK) looks = j->suspect_count;
+    j->drawn = j->aimed = j->reduced = look_kind == SBL__LOOK_SITE ? j->task.first_look : 0;
+    if (look_kind == SBL__LOOK_STUCK) looks = j->suspect_count;
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
@@ -15013,14 +15018,14 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
         result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    return sbl__job_start_round(j, SBL__LENS_SITE);
+    return sbl__job_start_round(j, SBL__LOOK_SITE);
 }
 
 /* Makes the next look of the round in a slot. A stuck test has the position of the site's first look and faces the
    surface. */
 static void sbl__job_next_look(sbl__job *j, int slot) {
     sbl__look *out = &j->looks[slot];
-    const int stuck = j->lens == SBL__LENS_STUCK;
+    const int stuck = j->look_kind == SBL__LOOK_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
@@ -15065,7 +15070,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
-    const int *blocks = sbl__job_slots(j)->blocks, one_ray = j->lens == SBL__LENS_STUCK || spec->one_ray;
+    const int *blocks = sbl__job_slots(j)->blocks, one_ray = j->look_kind == SBL__LOOK_STUCK || spec->one_ray;
     sbl__batch b;
     int i, end = all;
     sbl_result result;
@@ -15085,7 +15090,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     } else {
         if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
         if (all) *units *= (double)(end - j->triangle) / all;
-        result = sbl__raster_draw(d, &j->raster, &j->raster.lenses[j->lens], &b, j->triangle, end);
+        result = sbl__raster_draw(d, &j->raster, &j->raster.sheets[j->look_kind], &b, j->triangle, end);
     }
     if (result != SBL_SUCCESS) return result;
     j->triangle = end;
@@ -15104,26 +15109,26 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_end - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
     const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
-    sbl__lens *lens = &j->raster.lenses[j->lens];
+    sbl__sheets *sheets = &j->raster.sheets[j->look_kind];
     double room, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
     if (j->stages.at++ == 0 && !traced)  /* first draws the sky into all slots that looks will fill */
-        sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
-    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+        sbl__raster_clear(d, &j->raster, sheets, j->scene, SBL__MIN(slots, first % slots + left));
+    room = sbl__pace_begin(&j->paces.draw[j->look_kind], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->lens], all);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->look_kind], all);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
-static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->look_kind == SBL__LOOK_SITE; }
 
 /* Makes lamps.glsl current and sets its uniforms. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: factor
    from R to the output */
@@ -15206,7 +15211,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const double room = sbl__pace_begin(&j->paces.reduce[j->look_kind], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
@@ -15216,10 +15221,10 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
         result = sbl__looks_send(d, &j->table, j->looks, sizeof *j->looks, (j->drawn - 1) % slots->count + 1,
                                  slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
-        result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
+        result = sbl__raster_reduce(d, &j->raster, &j->raster.sheets[j->look_kind], &j->blocks,
                                     directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->look_kind], rows * slots->columns);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
 }
@@ -15287,7 +15292,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    SBL__STUCK_FRACTION of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
-    const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
+    const int stuck_test = j->look_kind == SBL__LOOK_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
     const int is_first = j->look == 0, asked = j->task.sites[site].suspect || j->task.spec.ray_length > 0;
     const float offset = j->task.sites[site].offset;
     j->lost += hits[2] < 0;
@@ -15308,9 +15313,9 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOC
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_end - j->task.first_look;
-    const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
+    const sbl__layout *l = &j->raster.sheets[SBL__LOOK_SITE].layout;
     int i;
-    if (j->lens == SBL__LENS_STUCK) return;
+    if (j->look_kind == SBL__LOOK_STUCK) return;
     for (i = 0; i < j->task.site_count && spec->traced; i++)
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
@@ -15352,7 +15357,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
     const sbl__target *from = &j->results.target;
-    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    const int first = j->look_kind == SBL__LOOK_SITE ? j->task.first_look : 0;
     const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
@@ -15381,7 +15386,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
         return SBL_SUCCESS;
     }
     sbl__job_count(j);
-    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
+    return j->look_kind == SBL__LOOK_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LOOK_STUCK) : SBL_SUCCESS;
 }
 
 /* Returns the stage that follows drawing, reducing or reading. */
@@ -15409,8 +15414,8 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
-    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* the lens may still belong to the previous job */
-    if (j->lens == SBL__LENS_STUCK) return 1;
+    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* look_kind may still be that of the previous job */
+    if (j->look_kind == SBL__LOOK_STUCK) return 1;
     if (looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
@@ -24784,15 +24789,15 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
     const sbl__raster *r = &j->raster;
-    const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
-    const sbl__layout *l = &lens->layout;
+    const sbl__sheets *sheets = &r->sheets[SBL__LOOK_SITE];
+    const sbl__layout *l = &sheets->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
     float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet[1], 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
     sbl_result result = rows && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__raster_corner(lens, sbl__inspect_slot(j), corner);
+    sbl__raster_corner(sheets, sbl__inspect_slot(j), corner);
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
@@ -24974,7 +24979,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__job_begin(j, &c->scene, &task);
     do {
         result = sbl__job_step(&c->device, j, &slice);
-        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->look_kind != SBL__LOOK_SITE) continue;
         /* The look must be read now, because the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
