@@ -1109,7 +1109,7 @@ typedef struct sbl_stream {
 } sbl_stream;
 
 /* A list of triangles. Winding matters only where the two sides of a surface differ (one-sided emission, lightmaps,
-   vertices, back faces): seen from the front, the corners run counter-clockwise. */
+   light at vertices, back faces): seen from the front, the corners run counter-clockwise. */
 typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
     sbl_stream normals;    /* 3 components in object space, of any length. Default: triangles are flat */
@@ -1302,7 +1302,7 @@ typedef struct sbl_scene_desc {
     uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
-/* Callbacks of sbl_save_store and sbl_load_store; see there. */
+/* Callbacks of sbl_save_store and sbl_load_store, whose comments describe them. */
 typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
 typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
@@ -1337,7 +1337,7 @@ typedef enum sbl_sensor_kind {
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
-/* How sensors collect light. Both ways give the same light up to noise. */
+/* How sensors collect light. Both back ends give the same light up to noise. */
 typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* RASTER if the mode is SBL_MODE_PAPER, if the scene has a draw callback, or if sensors
                                 are SBL_SENSOR_SINGLE; otherwise TRACE */
@@ -1558,7 +1558,7 @@ typedef struct sbl_stats {
         double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
         double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
-        double total;             /* time since the work was begun, as far as it was spent in sbl.h */
+        double total;             /* time spent in functions of sbl.h since the work was begun */
     } seconds;
 } sbl_stats;
 
@@ -1656,9 +1656,9 @@ typedef struct sbl_windows_desc {
     const float *ids;          /* SBL_CHANNEL_ID of all windows, 1 float per texel of the map, first row first; must
                                   stay valid until the work is done */
     float *light[5];           /* SBL_CHANNEL_RADIANCE of all windows, 3 floats per texel, and, if lightmap.directional
-                                  is 1, SBL_CHANNEL_SH_0 to SH_3. While the work goes on, each array is replaced, one
-                                  after the other, by SBL_CHANNEL_FINAL and SBL_CHANNEL_SH_0 to SH_3 of the whole map:
-                                  with its gutters and seams. Must stay valid until the work is done */
+                                  is 1, SBL_CHANNEL_SH_0 to SH_3. During the work, each array is replaced, one after the
+                                  other, by SBL_CHANNEL_FINAL and SBL_CHANNEL_SH_0 to SH_3 of the whole map: with its
+                                  gutters and seams. Must stay valid until the work is done */
     float *groups[SBL_MAX_LIGHT_GROUPS];  /* if lightmap.grouped is 1: SBL_CHANNEL_GROUP_0 and so on of all windows, one
                                   array for each light group of the scene; they are replaced likewise */
     size_t texel_count;        /* number of texels that these arrays have room for, at least width * height */
@@ -1904,8 +1904,8 @@ SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_des
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
    desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
-   filled when the work is done; its readings or probes are filled from the first to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
+   filled when the work is done; its readings or probes are filled from the first to the last during the work. Results:
+   INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
    (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
@@ -2855,7 +2855,7 @@ static int sbl__guard_switch_count(const sbl__gl *gl) {
     return SBL__COUNT(sbl__guard_switches) - !sbl__gl_at_least(gl, 40) - !sbl__gl_at_least(gl, 43);
 }
 
-/* parameters of glPixelStore that affect 2D textures, and the values that the library needs */
+/* Parameters of glPixelStore that affect 2D textures, and the values that the library needs */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
     { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
@@ -3363,7 +3363,7 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* a framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
+/* A framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[8], formats[8]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
@@ -3630,7 +3630,7 @@ enum {
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
     SBL__NORMAL_MAPS = 1 << 15, /* some materials have a normal map */
     SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels show are slightly rough: samples blur them */
-    SBL__POOLED = 1 << 17,      /* the invocations of a workgroup share the rays that go on, see trace.glsl */
+    SBL__POOLED = 1 << 17,      /* the invocations of a workgroup share the rays that continue, see trace.glsl */
     SBL__FEATURES = 18,
     SBL__GROUPS_SHIFT = 18,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
     SBL__GROUPS = 15 << 18      /* mask of the bits that hold the number of light groups */
@@ -3935,7 +3935,7 @@ static double sbl__whole_lots(const sbl__device *d, double items, int invocation
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
 }
 
-/* an attribute of a vertex array, and its position in a buffer */
+/* An attribute of a vertex array, and its position in a buffer */
 typedef struct sbl__input {
     int location, components;
     unsigned type;
@@ -4066,7 +4066,7 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 /* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th iteration. The size of a piece
    of GPU work is computed from the time that earlier pieces of its kind took. Neither may change a result. */
 
-/* the time limits of one call of sbl_step */
+/* The time limits of one call of sbl_step */
 typedef struct sbl__slice {
     double end;      /* when the slice ends, on the clock of sbl__now; DBL_MAX: no limit */
     double longest;  /* longest allowed time of a submission, in seconds */
@@ -4093,8 +4093,9 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
 /* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
    most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
    because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
-   by PACE_FALL of the difference. Below PACE_FAR times the estimate, the estimate falls by PACE_FAR_FALL of the
-   difference: it was then wrong, perhaps because the driver compiled a shader in an earlier submission. */
+   by PACE_FALL of the difference. If the cost is even below PACE_FAR times the estimate, the estimate falls by
+   PACE_FAR_FALL of the difference: it was then wrong, perhaps because the driver compiled a shader in an earlier
+   submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -4153,7 +4154,7 @@ typedef struct sbl__stage_row {
 #define SBL__STAGE_NAME(name, piece, iterate, count, next) name,
 #define SBL__STAGE_ROW(name, piece, iterate, count, next) { piece, iterate, count, next },
 
-/* the progress of staged work */
+/* The progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
     int at;     /* loop: index of the next iteration; piece: a counter for its own use. Each stage begins with 0 */
@@ -5035,7 +5036,7 @@ static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geomet
     return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
-/* vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes */
+/* Vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes */
 static const sbl__input sbl__vertex_inputs[] = {
     { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
     { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
@@ -5500,7 +5501,7 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* a texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
+/* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
 /* Reads a pixel. Divides bytes by 255, but does not decode sRGB. One channel is grey, two are grey and alpha. Without
@@ -5886,11 +5887,11 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
-"// of the triangle; way: vector from the viewer to the point\n",
-"float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
-"    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,\n",
-"                                                       // since the products would underflow\n",
-"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
+"// of the triangle; to_point: vector from the viewer to the point\n",
+"float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {\n",
+"    // Vectors are divided by `away` before they are multiplied, because the products would underflow.\n",
+"    float away = max(length(to_point), SBL_DIVISOR_LEAST);\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
@@ -7152,8 +7153,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
 #define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
-#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first part is at most this * the
-                                         radius of the cluster */
+#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first child is at most this * its own
+                                         radius */
 #define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
@@ -7922,8 +7923,8 @@ static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const 
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
    first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
-   ray is near if it is shorter than half a cell, and otherwise far. Near and far rays read separate cells. Leaves in
-   which the light varies are divided by further cuts.
+   ray is short if it is shorter than half a cell, and otherwise long. Short and long rays read separate cells. Leaves
+   in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -8076,7 +8077,7 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
 
 /* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
    sbl__is_short). side: patch word of a triangle's side, with level 0 */
-static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
+static uint32_t sbl__patch_for_long(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
 
@@ -8089,12 +8090,12 @@ static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float
     return bucket && bucket->check == check ? bucket->reference : 0;
 }
 
-/* Returns 1 + the index of the leaf that sbl_leaf_at finds at a position for rays that are not near; 0: no leaf. */
-static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
+/* Returns 1 + the index of the leaf that sbl_leaf_at finds at a position for long rays; 0: no leaf. */
+static uint32_t sbl__store_for_long(const sbl__store *s, uint32_t side, const float position[3]) {
     uint32_t reference = 0;
     int i;
     for (i = 0; !reference && i < 2 * SBL__LEVELS; i++) {
-        reference = sbl__store_peek(s, sbl__patch_from_afar(side, i), position);
+        reference = sbl__store_peek(s, sbl__patch_for_long(side, i), position);
         while (reference >= SBL__CELL_CUT)
             reference = *sbl__cut_side(&s->cuts[reference & ~SBL__CELL_CUT], position);
     }
@@ -8353,7 +8354,7 @@ static const char *const sbl__glsl_store[] = {
 "    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// Returns true if rays of this length read the cells for near rays.\n",
+"// Returns true if rays of this length read the cells for short rays.\n",
 "bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }\n",
 "\n",
 "// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.\n",
@@ -8367,7 +8368,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (sbl_is_short(distance)) patch_word |= SBL_PATCH_SHORT;\n",
 "    uint reference = 0u;\n",
-"    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits\n",
+"    // Each level has cells for short rays and cells for long rays. This loop first tries the kind that suits\n",
 "    // `distance`.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
@@ -8396,7 +8397,7 @@ static const char *const sbl__glsl_store[] = {
 "// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for far rays at this\n",
+"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for long rays at this\n",
 "// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same\n",
 "// parameters; it becomes the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
@@ -9066,9 +9067,9 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     return SBL_SUCCESS;
 }
 
-/* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for far rays. Makes glows of
-   its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
-   sbl__patch_from_afar. reference: result of the attempts before it; 0: they found nothing */
+/* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for long rays. Makes glows
+   of its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
+   sbl__patch_for_long. reference: result of the attempts before it; 0: they found nothing */
 static sbl_result sbl__glow_split(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
                                  uint32_t reference) {
     const sbl__store *s = &w->scene->store;
@@ -9079,10 +9080,10 @@ static sbl_result sbl__glow_split(sbl__glowing *w, const sbl__polygon *p, const 
     int i;
     if (p->count < 3) return SBL_SUCCESS;
     for (; !reference && attempt < 2 * SBL__LEVELS; attempt++)
-        reference = sbl__store_peek(s, sbl__patch_from_afar(w->patch, attempt), middle);
+        reference = sbl__store_peek(s, sbl__patch_for_long(w->patch, attempt), middle);
     if (!reference) return SBL_SUCCESS;
     if (reference < SBL__CELL_CUT)
-        return sbl__patch_from_afar(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
+        return sbl__patch_for_long(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
                                                                  : SBL_SUCCESS;
     cut = &s->cuts[reference & ~SBL__CELL_CUT];
     for (i = 0; i < 3; i++) normal[i] = (double)cut->normal[i];
@@ -10490,7 +10491,7 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc; 0: all triangles get their shading normal */
 } sbl__camera;
 
-/* a request to draw a G-buffer */
+/* A request to draw a G-buffer */
 typedef struct sbl__surface_request {
     const sbl__scene *scene;
     const sbl__camera *camera;
@@ -10589,7 +10590,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
    perspective shows the whole scene; an orthographic one shows the part around the scene's centre that view_to_clip
    covers. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
-    static const double way[3] = { 0.35, 0.3, 0.89 };
+    static const double direction[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
     double radius = 0, distance;
     float at[3], eye[3];
@@ -10601,7 +10602,7 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     }
     radius = radius > 0 ? sqrt(radius) : 1;
     distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + zoom * zoom) : 2 * radius;
-    for (k = 0; k < 3; k++) eye[k] = at[k] + (float)(way[k] * distance);
+    for (k = 0; k < 3; k++) eye[k] = at[k] + (float)(direction[k] * distance);
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
@@ -10651,8 +10652,9 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
     const int moving = c->orthographic ? 0 : 3;  /* index in names of the vector that varies with the pixel */
     const int still = 3 - moving;
-    /* x and y, in view space, at 0 0 of the whole picture. Orthographic: of the ray's origin; perspective: of its
-       direction at unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
+    /* x and y, in view space, of the ray through the upper left corner of the whole picture. An orthographic camera has
+       one direction for all rays, and these are coordinates of the ray's origin. A perspective camera has one origin,
+       and these are coordinates of the direction at unit depth: x = (a * x in NDC + m8) / m0, where a = -m11. */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -10993,7 +10995,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,\n",
 "// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of\n",
 "// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.\n",
-"// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored\n",
+"// hits: number of surfaces at which the ray continued before. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
@@ -11036,22 +11038,22 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;\n",
-"    bool goes_on = true;\n",
+"    bool continues = true;\n",
 "    int hits = 0;     // number of surfaces at which the ray `aside` has gone on\n",
 "    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes\n",
-"    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {\n",
+"    while (mirrors < SBL_MIRRORS && (continues || hits > 0)) {\n",
 "        bool is_aside = turn == SBL_ASIDE_RAY;\n",
 "        int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;\n",
 "        vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);\n",
 "        if (is_aside && hits == 0) {\n",
 "            bool pane;\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
-"            goes_on = next.weight != vec3(0);\n",
-"            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror\n",
-"            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)\n",
+"            continues = next.weight != vec3(0);\n",
+"            if (continues && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror\n",
+"            for (int once = 0; once < (continues && pane ? 1 : 0); once++)\n",
 "                sbl_show_stored(m, s, m.number, true, vec3(1));\n",
-"            if (goes_on) m.emission += m.throughput * s.emission;\n",
+"            if (continues) m.emission += m.throughput * s.emission;\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
 "        if (is_aside) ray = aside;\n",
@@ -11063,7 +11065,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "        if (turn == SBL_CAMERA_RAY) {\n",
 "            sbl_correct(s, m, hit, origin, direction);\n",
-"            goes_on = m.number >= 0;\n",
+"            continues = m.number >= 0;\n",
 "            turn = SBL_ASIDE_RAY;\n",
 "            continue;\n",
 "        }\n",
@@ -11092,12 +11094,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        m.direction = ray.direction;\n",
 "        m.throughput *= ray.weight;\n",
 "        m.sky = is_sky;\n",
-"        goes_on = !is_sky;\n",
+"        continues = !is_sky;\n",
 "        if (is_sky) continue;\n",
 "        m.number = hit.number;\n",
 "        s = found;\n",
 "    }\n",
-"    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);\n",
+"    if (continues && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);\n",
 "    return m;\n",
 "}\n",
 "\n",
@@ -11876,10 +11878,14 @@ typedef struct sbl__slots {
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl), or the results of looks. Textures 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the
-   harmonics of red, green and blue light, and 5 (partial sums of rays) holds out_control. For light from lamps, 0 holds
-   the sums, and 1 to 3 the harmonics. In jobs with light groups, the layers follow 1 (light from lamps: 0), see
-   SBL__LAYER_TEXTURES. */
+   trace.glsl), light from lamps (see lamps.glsl), or the results of looks. These are their contents:
+
+       texture          partial sums, results                      light from lamps
+       0                sums                                       sums
+       1                hits
+       the next three   directional jobs: harmonics of red, green and blue light
+       5                partial sums of rays in directional jobs: out_control
+       from 2 on        jobs with light groups: the layers, see SBL__LAYER_TEXTURES (light from lamps: from 1 on) */
 #define SBL__BLOCKS 8
 typedef struct sbl__blocks {
     sbl__texture textures[SBL__BLOCKS];
@@ -12026,8 +12032,8 @@ static const char *const sbl__glsl_invocation[] = {
 "// the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R\n",
 "// includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
-"    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
+"    vec3 scaled = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
+"    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * scaled.yzx);\n",
 "}\n",
 "\n",
 "#ifdef SBL_COMPUTE\n",
@@ -12072,7 +12078,7 @@ static const char *const sbl__glsl_invocation[] = {
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
                                       lights */
 
-/* resources for rays towards lamps */
+/* Resources for rays towards lamps */
 typedef struct sbl__aim {
     int invocations;               /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
@@ -12387,11 +12393,11 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "\n",
 "// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its\n",
-"// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part\n",
-"// along the normal is approximate.\n",
+"// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along\n",
+"// the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
-"    vec3 way = vec3(0);\n",
+"    vec3 integral = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 a = to_frame * l.corner, kept[4];\n",
 "        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);\n",
@@ -12404,7 +12410,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)\n",
 "            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);\n",
 "            float size = length(across);\n",
-"            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
+"            integral += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
 "        }\n",
 "        for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983\n",
 "            vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));\n",
@@ -12412,15 +12418,15 @@ static const char *const sbl__glsl_lamp[] = {
 "                            dot(r, p) * lengths.y;\n",
 "            solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);\n",
 "        }\n",
-"        way = transpose(to_frame) * way * sign(solid_angle);\n",
+"        integral = transpose(to_frame) * integral * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness\n",
+"    if (sbl_is_light(l)) {  // solid_angle and integral are divided by pi * sine2, to match l.brightness\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
-"        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;\n",
+"        integral = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;\n",
 "    }\n",
-"    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
+"    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * integral.yzx), l.brightness);\n",
 "}\n",
 "\n",
 "// >>clusters\n",
@@ -12602,8 +12608,8 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// The rays of a look are divided among `blocks.y` invocations. An invocation usually\n",
-"// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
+"// The rays of a look are divided among `blocks.y` invocations. An invocation usually stops when its rays agree\n",
+"// (see SBL_PASS_CHANCE). With SBL_INSPECT, an invocation reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
 "uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points\n",
 "uniform float scale;                  // factor from R to the output\n",
@@ -12614,7 +12620,7 @@ static const char *const sbl__glsl_lamps[] = {
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
+"SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // rgb: R by the invocation's rays * scale; a: variance of its luminance\n",
@@ -12882,8 +12888,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 open_layers[2 * SBL_GROUPS], seen_layers[2 * SBL_GROUPS];  // layers of `open` and of `seen`, see whole_layers\n",
 "vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of `sure` and of `sampled`\n",
 "#endif\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way\n",
-"bool reporting;                               // true: sbl_shoot reports its ray\n",
+"vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction\n",
+"bool reporting;                                     // true: sbl_shoot reports its ray\n",
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
@@ -12922,7 +12928,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
-"        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
+"        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) blocked += l.facing;\n",
@@ -13069,7 +13075,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Returns true with the probability SBL_PASS_CHANCE.\n",
-"bool sbl_goes_on(int invocation) {\n",
+"bool sbl_makes_all_passes(int invocation) {\n",
 "    uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;\n",
 "    hash = (hash ^ hash >> 16) * 2246822519u;\n",
 "    return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;\n",
@@ -13106,7 +13112,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_choose();\n",
 "    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);\n",
-"        report_way.w = float(entries[wanted - rays]);\n",
+"        report_direction.w = float(entries[wanted - rays]);\n",
 "    }\n",
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < 2 * SBL_GROUPS; g++)\n",
@@ -13119,7 +13125,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
-"    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(invocation);\n",
+"    bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);\n",
 "    sbl_Result early;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
 "        // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square\n",
@@ -13151,24 +13157,24 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
 "            if (corner) {\n",
-"                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
+"                vec3 to_sample = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
 "                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
-"                s.distance = length(way);\n",
-"                s.direction = way / s.distance;\n",
-"                s.light = vec3(dot(way, n));\n",
+"                s.distance = length(to_sample);\n",
+"                s.direction = to_sample / s.distance;\n",
+"                s.light = vec3(dot(to_sample, n));\n",
 "            }\n",
 "            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
 "            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (point || stopped) continue;\n",
 "        undecided = sbl_undecided();\n",
-"        if (undecided || !goes_on || pass + 1 == passes) continue;\n",
+"        if (undecided || !all_passes || pass + 1 == passes) continue;\n",
 "        early = sbl_combine();\n",
 "        undecided = stopped = true;\n",
 "    }\n",
 "#ifdef SBL_INSPECT\n",
 "    sbl_write(out_light, vec4(report.rgb * unit, report.a));\n",
-"    sbl_write(out_way, report_way);\n",
+"    sbl_write(out_direction, report_direction);\n",
 "#else\n",
 "    sbl_Result r;\n",
 "    if (stopped) r = sbl_combine_after(early);\n",
@@ -13380,13 +13386,13 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
-"out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
+"out vec3 fragment_from_sensor;              // only with SBL_BOUNCED: vector from the sensor to the surface\n",
 "out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface in world space\n",
 "\n",
 "void main() {\n",
 "    int number = int(object);\n",
 "#ifdef SBL_BOUNCED\n",
-"    fragment_way = position - view_eye;\n",
+"    fragment_from_sensor = position - view_eye;\n",
 "    fragment_position = position;\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -13425,7 +13431,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"in vec3 fragment_way, fragment_position;\n",
+"in vec3 fragment_from_sensor, fragment_position;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in scene extents\n",
 "const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, in texels\n",
@@ -13454,9 +13460,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
 "    int number = first_triangle + gl_PrimitiveID;\n",
-"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
+"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));\n",
 "    vec3 light = sbl_light_of(leaf);\n",
-"    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
+"    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));\n",
 "    sbl_Material material = sbl_material(fragment_object, at);\n",
 "    radiance += radiance_scale * sbl_reflected_beside(material, light, glow);\n",
 "#endif\n",
@@ -13666,7 +13672,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform int block;               // width and height of a block, in texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
 "SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
@@ -13683,8 +13689,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
-"            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
-"            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
+"            vec3 d = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
+"            vec4 to_harmonics = sbl_harmonics(frame * d, frame[2], 1.0 / max(d.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
@@ -13742,7 +13748,7 @@ typedef struct sbl__trace {
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that go on (SBL__POOLED). Each invocation
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). Each invocation
    then gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but they also get as
    many, so that their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
@@ -14036,7 +14042,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
 "// SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share\n",
-"// the rays that go on\n",
+"// the rays that continue\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -14082,18 +14088,19 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
-"// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
+"// radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if\n",
 "// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
 "// which further rays find; but if the surface shines, it contains the stored light that the diffuse component\n",
 "// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of\n",
 "// glows, which lamps.glsl measures for the sensor.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,\n",
+"                  out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
 "    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
 "    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
 "    sbl_add_layer(int(sbl_object_layer(object)), carried * radiance);\n",
-"    goes_on = false;\n",
+"    continues = false;\n",
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
 "#ifdef SBL_LOBE\n",
@@ -14101,18 +14108,18 @@ static const char *const sbl__glsl_trace[] = {
 "#else\n",
 "    const float first_scale = SBL_FIRST_SCALE;\n",
 "#endif\n",
-"    goes_on = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);\n",
+"    continues = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_face_ray(material, hit, arriving, last);\n",
-"    goes_on = goes_on || hit_continues;\n",
-"    bool reads_store = !goes_on || hit_continues || bright_cells > 0;\n",
+"    continues = continues || hit_continues;\n",
+"    bool reads_store = !continues || hit_continues || bright_cells > 0;\n",
 "#else\n",
-"    bool reads_store = !goes_on || bright_cells > 0;\n",
+"    bool reads_store = !continues || bright_cells > 0;\n",
 "#endif\n",
 "    if (reads_store) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
-"        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
-"        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
+"        vec3 light = continues ? vec3(0) : sbl_light_of(leaf);\n",
+"        sbl_add_stored(leaf, continues ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
 "#ifdef SBL_SPECULAR\n",
 "        // The lobe of the hit continues the ray; the diffuse component reflects stored light.\n",
 "        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
@@ -14147,7 +14154,7 @@ static const char *const sbl__glsl_trace[] = {
 "// The ray that is traced, and sums over the rays of the invocation\n",
 "vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced\n",
 "float limit;                          // the segment ends at this length\n",
-"vec3 way = vec3(0);                   // direction of the first segment\n",
+"vec3 first_direction = vec3(0);       // direction of the first segment\n",
 "vec2 u;                               // point of the unit square that gives this direction\n",
 "float weight = 0.0;                   // weight of the ray\n",
 "vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
@@ -14195,7 +14202,7 @@ static const char *const sbl__glsl_trace[] = {
 "    ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
 "    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"    way = direction;\n",
+"    first_direction = direction;\n",
 "    limit = ray_length;\n",
 "#ifdef SBL_LOBE\n",
 "    return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;\n",
@@ -14207,7 +14214,7 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and\n",
-"// material receive what it hits. Returns true if the ray goes on from there.\n",
+"// material receive what it hits. Returns true if the ray continues from there.\n",
 "bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {\n",
 "    hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "    throughput *= sbl_tint;\n",
@@ -14231,15 +14238,15 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "    arriving = direction;\n",
 "#endif\n",
-"    bool goes_on;\n",
-"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,\n",
+"    bool continues;\n",
+"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, continues,\n",
 "                                         material);\n",
 "    if (segment == 0) {\n",
 "        sum.a += hit.back ? weight : 0.0;\n",
 "        hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "        hits.z = min(hits.z, hit.distance);\n",
 "    }\n",
-"    return goes_on;\n",
+"    return continues;\n",
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14250,7 +14257,7 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.\n",
 "// hash: source of the random numbers. Returns false if the next segment would carry no light.\n",
-"bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {\n",
+"bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
 "    from = next.from;\n",
 "    sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
@@ -14270,28 +14277,29 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_POOLED\n",
 "// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the\n",
-"// long code of sbl_go_on if one ray goes on, and even if none does. The rays that go on are therefore collected in\n",
-"// a pool. The invocations take rays from it, so that each execution of the code serves a full vector. One pool\n",
-"// holds rays at their first hit, another holds rays at their second. The terms of the light of each ray are kept:\n",
-"// the invocation that owns the ray adds them in the same order as without pools, so that sums have the same bits.\n",
+"// long code of sbl_continue_ray if one ray continues, and even if none does. The rays that continue are therefore\n",
+"// collected in a pool. The invocations take rays from it, so that each execution of the code serves a full vector.\n",
+"// One pool holds rays at their first hit, another holds rays at their second. The terms of the light of each ray\n",
+"// are kept: the invocation that owns the ray adds them in the same order as without pools, so that sums have the\n",
+"// same bits.\n",
 "const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup\n",
-"// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray goes on adds\n",
-"// two: one is the light of a lamp, and the next segment finds the other.\n",
+"// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray continues\n",
+"// adds two: one is the light of a lamp, and the next segment finds the other.\n",
 "const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;\n",
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
-"shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
+"shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
 "shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
 "shared uint pool_hashes[2 * SBL_POOL];\n",
 "shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe\n",
 "shared vec3 pool_terms[SBL_TERMS * SBL_POOL];\n",
-"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that went on\n",
+"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued\n",
 "shared int pool_lost;                        // 1: an invocation has lost rays\n",
 "\n",
 "// Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup\n",
 "void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {\n",
 "    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
-"    pool_ways[at] = vec4(direction, hit.b1);\n",
+"    pool_directions[at] = vec4(direction, hit.b1);\n",
 "    pool_throughputs[at] = vec4(throughput, hit.b2);\n",
 "    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "    pool_hashes[at] = hash;\n",
@@ -14301,12 +14309,12 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Lets a ray of the pool go on with this segment. at: index of the ray in the pool\n",
+"// Continues a ray of the pool by this segment. at: index of the ray in the pool\n",
 "void sbl_take(int at, int segment) {\n",
 "    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
-"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,\n",
+"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
 "                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);\n",
-"    direction = pool_ways[at].xyz;\n",
+"    direction = pool_directions[at].xyz;\n",
 "    throughput = pool_throughputs[at].rgb;\n",
 "    chance_least = pool_chances[at].x;\n",
 "#ifdef SBL_LOBE\n",
@@ -14318,12 +14326,12 @@ static const char *const sbl__glsl_trace[] = {
 "    uint hash = pool_hashes[at];\n",
 "    int term = SBL_TERMS * ray + 2 * segment;\n",
 "    sum.rgb = vec3(0);\n",
-"    bool goes_on = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
+"    bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
 "    pool_terms[term - 1] = sum.rgb;\n",
 "    sum.rgb = vec3(0);\n",
-"    if (goes_on) goes_on = sbl_follow(segment, hit, material);\n",
+"    if (continues) continues = sbl_follow(segment, hit, material);\n",
 "    pool_terms[term] = sum.rgb;\n",
-"    if (goes_on) sbl_pool(segment, hit, ray, hash);\n",
+"    if (continues) sbl_pool(segment, hit, ray, hash);\n",
 "    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);\n",
 "    sbl_steps = steps;  // they count for the owner of the ray alone\n",
 "}\n",
@@ -14377,11 +14385,11 @@ static const char *const sbl__glsl_trace[] = {
 "        for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);\n",
 "        sbl_Hit hit;\n",
 "        sbl_Material material;\n",
-"        bool goes_on = sbl_begin(look, ray_weight);\n",
+"        bool continues = sbl_begin(look, ray_weight);\n",
 "        sum.rgb = vec3(0);\n",
-"        if (goes_on) goes_on = sbl_follow(0, hit, material);\n",
+"        if (continues) continues = sbl_follow(0, hit, material);\n",
 "        pool_terms[SBL_TERMS * ray] = sum.rgb;\n",
-"        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));\n",
+"        if (continues) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));\n",
 "    }\n",
 "    for (int segment = 1; segment < SBL_SEGMENTS; segment++) {\n",
 "        memoryBarrierShared();\n",
@@ -14407,24 +14415,24 @@ static const char *const sbl__glsl_trace[] = {
 "         k++, i = (block + (k >> paired) * block_count << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
 "        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);\n",
-"        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
-"        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
-"        // each iteration.\n",
+"        // Each iteration traces a segment of the ray and, if the ray continues, a shadow ray from the hit to a\n",
+"        // lamp. A separate iteration for the shadow ray would be slower: software renderers execute the whole body\n",
+"        // in each iteration.\n",
 "        int segments = sbl_begin(look, ray_weight) ? SBL_SEGMENTS : 0;\n",
 "        for (int segment = 0; segment < segments; segment++) {\n",
 "            sbl_Hit hit;\n",
 "            sbl_Material material;\n",
-"            bool goes_on = sbl_follow(segment, hit, material);\n",
+"            bool continues = sbl_follow(segment, hit, material);\n",
 "#ifdef SBL_SPECULAR\n",
 "            chance_least = 0.0;\n",
 "#endif\n",
-"            if (!goes_on) break;\n",
+"            if (!continues) break;\n",
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_ray_hash(scramble, skip + i);\n",
-"            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;\n",
+"            if (!sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;\n",
 "#endif\n",
 "        }\n",
-"        vec4 to_harmonics = sbl_harmonics(way, normal, sbl_stratum_reciprocal(u.x));\n",
+"        vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
 "        even -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
@@ -14433,7 +14441,7 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "#endif\n",
 "    if (counts_steps) hits.y = float(sbl_steps);\n",
-"    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
+"    vec4 inspected = vec4(first_direction, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
 "    if (paired == 0) sum.a = weight;\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    bool lost = sbl_cut_short();\n",
@@ -14478,19 +14486,19 @@ static const char *const sbl__glsl_mirrored[] = {
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
-"vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
+"vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width\n",
 "float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
 "\n",
 "// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.\n",
-"void sbl_mirrored_add(vec4 way, float chance) {\n",
+"void sbl_mirrored_add(vec4 direction, float chance) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        bool before = chance > mirrored_chance[k];\n",
-"        vec4 next_way = before ? mirrored_way[k] : way;\n",
+"        vec4 next_direction = before ? mirrored_direction[k] : direction;\n",
 "        float next = before ? mirrored_chance[k] : chance;\n",
-"        if (before) mirrored_way[k] = way;\n",
+"        if (before) mirrored_direction[k] = direction;\n",
 "        if (before) mirrored_chance[k] = chance;\n",
-"        way = next_way;\n",
+"        direction = next_direction;\n",
 "        chance = next;\n",
 "    }\n",
 "}\n",
@@ -14500,7 +14508,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "// (distance from the mirror to this image).\n",
 "void sbl_mirrored_begin(vec3 from, vec3 normal) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
-"        mirrored_way[k] = vec4(normal, 1);\n",
+"        mirrored_direction[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
 "    float most = 0.0, brightest = 0.0;\n",
@@ -14509,8 +14517,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
 "        vec3 to = sbl_mirrored_middle(i) - (distant ? vec3(0) : from);\n",
 "        float away = max(length(to), SBL_DIVISOR_LEAST), radius = sbl_mirrored_radius(i);\n",
-"        vec3 way = to / away;\n",
-"        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
+"        vec3 to_image = to / away;\n",
+"        float cosine = dot(normal, to_image), mirror_cosine = -dot(mirror_normal, to_image);\n",
 "        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
 "        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
 "        float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);\n",
@@ -14518,7 +14526,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
-"        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
+"        vec3 hit = from + to_mirror * to_image, margin = vec3(to_mirror * sqrt(width2));\n",
 "        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
@@ -14533,7 +14541,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
 "        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i);\n",
 "        light *= max(cosine, 0.1 * lamp);\n",
-"        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
+"        sbl_mirrored_add(vec4(to_image, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
 "    }\n",
 "    float sum = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
@@ -14545,27 +14553,27 @@ static const char *const sbl__glsl_mirrored[] = {
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",
 "// between both has the distribution of GGX.\n",
 "vec3 sbl_mirrored_sample(vec2 u) {\n",
-"    vec4 way = mirrored_way[0];\n",
+"    vec4 highlight = mirrored_direction[0];\n",
 "    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];\n",
 "    for (int k = 1; k < SBL_MIRRORED; k++) {\n",
 "        bool taken = u.x >= sum && mirrored_chance[k] > 0.0;\n",
-"        way = taken ? mirrored_way[k] : way;\n",
+"        highlight = taken ? mirrored_direction[k] : highlight;\n",
 "        first = taken ? sum : first;\n",
 "        chance = taken ? mirrored_chance[k] : chance;\n",
 "        sum += mirrored_chance[k];\n",
 "    }\n",
 "    float x = clamp((u.x - first) / chance, 0.0, 0.999999), angle = 2.0 * SBL_PI * u.y;\n",
-"    float tangent = sqrt(way.w * x / (1.0 - x));\n",
-"    return normalize(sbl_frame(way.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));\n",
+"    float tangent = sqrt(highlight.w * x / (1.0 - x));\n",
+"    return normalize(sbl_frame(highlight.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of the directions that sbl_mirrored_sample returns.\n",
 "float sbl_mirrored_density(vec3 direction) {\n",
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
-"        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);\n",
+"        float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);\n",
 "        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
-"        vec3 across = cross(direction, mirrored_way[k].xyz);\n",
+"        vec3 across = cross(direction, mirrored_direction[k].xyz);\n",
 "        float t = z * z * width2 + dot(across, across);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
@@ -15545,7 +15553,7 @@ typedef struct sbl__leaf_found {
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
-enum { SBL__BRIGHT_AFAR = 1, SBL__BRIGHT };
+enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
@@ -15553,7 +15561,7 @@ typedef struct sbl__bounce_leaf {
     int most;          /* maximum number of points, see >>division */
     int first;         /* index of the first point, which the others follow once points are sorted */
     int valid;         /* number of points with valid readings */
-    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_AFAR: it is not, but far rays read a bright leaf
+    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_LONG: it is not, but long rays read a bright leaf
                           at its first point; otherwise 0 */
     float fraction;    /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
@@ -15723,8 +15731,8 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
-"// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that go\n",
-"// on, see trace.glsl\n",
+"// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that\n",
+"// continue, see trace.glsl\n",
 "#ifdef SBL_COMPUTE\n",
 "#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)\n",
 "#else\n",
@@ -15743,7 +15751,7 @@ static const char *const sbl__glsl_cast[] = {
 "\n",
 "// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and\n",
 "// throughput to this segment. Returns the light of lamps and of the sky.\n",
-"vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,\n",
+"vec3 sbl_continue_ray(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,\n",
 "               inout vec3 throughput, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
 "    sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
@@ -15766,7 +15774,7 @@ static const char *const sbl__glsl_cast[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Traces the first segment of a ray. Returns true if the ray goes on from metal.\n",
+"// Traces the first segment of a ray. Returns true if the ray continues from metal.\n",
 "bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction) {\n",
 "    origin = sbl_cast_origin(ray);\n",
 "    direction = sbl_cast_direction(ray);\n",
@@ -15813,11 +15821,11 @@ static const char *const sbl__glsl_cast[] = {
 "}\n",
 "\n",
 "// Continues a ray that has hit metal, and writes the light that it finds.\n",
-"void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
+"void sbl_cast_continue(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
 "    hit_continues = true;\n",
-"    sbl_cast_write_metal_light(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
+"    sbl_cast_write_metal_light(ray, vec4(sbl_continue_ray(hit, material, origin, direction, throughput, hash), 1));\n",
 "    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that\n",
 "    // the sky's light is not added again.\n",
 "    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
@@ -15825,10 +15833,10 @@ static const char *const sbl__glsl_cast[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_POOLED\n",
-"shared int pool_count;                  // number of rays in the pool\n",
-"shared vec4 pool_ways[SBL_CAST_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
-"shared vec4 pool_tints[SBL_CAST_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[SBL_CAST_POOL];  // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared int pool_count;                       // number of rays in the pool\n",
+"shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
+"shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2\n",
+"shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
 "\n",
 "void main() {\n",
 "    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;\n",
@@ -15838,10 +15846,10 @@ static const char *const sbl__glsl_cast[] = {
 "    for (int ray = first + mine; ray < min(first + SBL_CAST_POOL, count); ray += SBL_LOCKSTEP) {\n",
 "        sbl_Hit hit;\n",
 "        vec3 origin, direction;\n",
-"        bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
-"        if (goes_on) {\n",
+"        bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
+"        if (continues) {\n",
 "            int at = atomicAdd(pool_count, 1);\n",
-"            pool_ways[at] = vec4(direction, hit.b1);\n",
+"            pool_directions[at] = vec4(direction, hit.b1);\n",
 "            pool_tints[at] = vec4(sbl_tint, hit.b2);\n",
 "            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "        } else {\n",
@@ -15854,9 +15862,9 @@ static const char *const sbl__glsl_cast[] = {
 "    int filled = pool_count;\n",
 "    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {\n",
 "        int triangle = pool_hits[at].x >> 1;\n",
-"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_tints[at].w,\n",
-"                              (pool_hits[at].x & 1) != 0);\n",
-"        sbl_cast_on(pool_hits[at].y, hit, vec3(0), pool_ways[at].xyz, pool_tints[at].rgb);\n",
+"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
+"                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);\n",
+"        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -15866,12 +15874,13 @@ static const char *const sbl__glsl_cast[] = {
 "    if (ray >= count) sbl_leave;\n",
 "    sbl_Hit hit;\n",
 "    vec3 origin, direction;\n",
-"    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
+"    bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
 "    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "#ifdef SBL_BOUNCED\n",
 "    last_light = vec4(0);\n",
 "    sbl_cast_write_metal_light(ray, vec4(0));\n",
-"    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);\n",
+"    for (int once = 0; once < (continues ? 1 : 0); once++)\n",
+"        sbl_cast_continue(ray, hit, origin, direction, sbl_tint);\n",
 "#endif\n",
 "}\n",
 "#endif\n",
@@ -15887,7 +15896,7 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
-/* the program that casts rays in scenes with metal, where rays that hit metal continue */
+/* The program that casts rays in scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
@@ -15901,7 +15910,7 @@ static const sbl__recipe sbl__recipe_cast_metal = {
 /* Returns 1 if rays that fill the store may hit metal. */
 static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
 
-/* Returns SBL__POOLED if the invocations of a workgroup of cast.glsl share the rays that go on, otherwise 0. */
+/* Returns SBL__POOLED if the invocations of a workgroup of cast.glsl share the rays that continue, otherwise 0. */
 static unsigned sbl__cast_pools(const sbl__device *d, const sbl__scene *scene) {
     return sbl__cast_has_metal(scene) && d->features & SBL__COMPUTE && d->workgroup == SBL__LOCKSTEP ? SBL__POOLED : 0;
 }
@@ -15952,7 +15961,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Makes a hit of the outputs of cast.glsl for one ray. shine: its third output, or NULL in scenes without metal */
+/* Makes a hit from the outputs of cast.glsl for one ray. shine: its third output, or NULL in scenes without metal */
 static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *shine,
                            sbl__hit *out) {
     const double low = fabs((double)position[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
@@ -16065,7 +16074,7 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
                                          get cells of the widest level, otherwise of the level below it */
 #define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
                                              that are too small to get a surface sample by area get one, too */
-#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
+#define SBL__BOUNCE_LONG 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
@@ -16274,7 +16283,7 @@ static int sbl__cells_black_most(const sbl__bounce *b) {
 
 /* Returns the maximum number of points of a leaf: a queued hit becomes a point only if its leaf has fewer. */
 static int sbl__points_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
-    return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
+    return at->distance > SBL__BOUNCE_LONG * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
 }
 
 /* Returns 1 if placing hit `number` of all points' rays again would change nothing: no cut has split the leaf since the
@@ -16560,7 +16569,7 @@ static sbl_result sbl__contacts_cast(void *work, sbl__slice *slice) {
                           &b->contacts, slice);
 }
 
-/* the line along which an object stands on a flat surface */
+/* The line along which an object stands on a flat surface */
 typedef struct sbl__contact {
     uint32_t patch;              /* patch word of the flat surface on which the object stands */
     uint32_t object;             /* identifies the object: patch word | 1 if its patch is flat, else 2 * triangle */
@@ -16685,7 +16694,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     return result;
 }
 
-/* Cuts all cells along the line, of all levels and for near and far rays, unless b->recent_lines contains the line. */
+/* Cuts all cells along the line, of all levels and for short and long rays, unless b->recent_lines contains it. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
     uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
@@ -17645,11 +17654,11 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 
-/* Returns the leaf that far rays read at a leaf's first point, or -1 if that leaf or point does not exist. */
-static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
+/* Returns the leaf that long rays read at a leaf's first point, or -1 if that leaf or point does not exist. */
+static int sbl__bright_for_long(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
-    return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_SHORT, at->position) - 1;
+    return (int)sbl__store_for_long(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_SHORT, at->position) - 1;
 }
 
 /* Marks a leaf as bright: makes the red of its light negative, and adds its cell to the store's list. */
@@ -17661,7 +17670,7 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 }
 
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
-   Candidates are leaves that far rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
+   Candidates are leaves that long rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -17675,7 +17684,7 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     s->bright_count = 0;
     for (i = 0; i < s->leaf_count; i++) {
         const double light = (double)b->leaf_found[i].light, hits = (double)b->leaf_found[i].rays;
-        if (!(light * b->found.rays > least * hits) || sbl__bright_from_afar(b, i) != i) continue;
+        if (!(light * b->found.rays > least * hits) || sbl__bright_for_long(b, i) != i) continue;
         if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
             sbl__free(&b->core->base, list);
             return SBL_ERROR_OUT_OF_MEMORY;
@@ -17696,8 +17705,8 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
     for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
     for (i = 0; i < s->leaf_count && s->bright; i++) {
-        const int afar = b->states[i].bright ? -1 : sbl__bright_from_afar(b, i);
-        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_AFAR;
+        const int long_leaf = b->states[i].bright ? -1 : sbl__bright_for_long(b, i);
+        if (long_leaf >= 0 && b->states[long_leaf].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_LONG;
     }
     sbl__free(&b->core->base, list);
     if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
@@ -17720,8 +17729,8 @@ static int sbl__bright_after_glow(void *work) {
     int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
     for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
-        const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
-        if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
+        const int long_leaf = b->states[i].bright ? sbl__bright_for_long(b, i) : -1;
+        if (long_leaf < 0 || !sbl__leaf_is_bright(b->store->leaves[long_leaf].light)) b->states[i].bright = 0;
     }
     for (i = 0; i < b->store->leaf_count; i++)  /* Rays that have hit metal read bright leaves. They need red
                                                    without its sign, which sbl__uncertainty_leaf sets again. */
@@ -17793,8 +17802,8 @@ static int sbl__uncertainty_after_propagate(void *work) {
    error that this causes in the light of one ray of a point, as a squared luminance, if the light within the cell has a
    relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the rays of a
    point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
-   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, which do
-   not read this cell, and for bright leaves, which rays skip. */
+   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for short rays, which
+   do not read this cell, and for bright leaves, which rays skip. */
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
@@ -18422,7 +18431,7 @@ typedef struct sbl__pixel_lobe {
     X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
 enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
-/* two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
+/* Two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
 typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 
 typedef struct sbl__tile {
@@ -18549,7 +18558,7 @@ typedef struct sbl__refine {
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
     float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
-    double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
+    double expected_weight;   /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
 } sbl__refine;
 
 /* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
@@ -18716,8 +18725,8 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
    2 to 16 pixels. */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
-                                           difference) of the light that it continues */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light, as a fraction of the second difference of light
+                                           at the nearest three sensors, or of the difference if there are only two */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
                                            R and the mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is close, which may cast a
@@ -19163,7 +19172,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 /* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN *
    the width of the lobes, which is about alpha: the tile could miss details of the reflection. */
 static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
-    double ways[4][3], alpha[4];
+    double directions[4][3], alpha[4];
     int corner, other, k;
     if (sbl__tile_span(c) <= 1) return 0;
     for (corner = 0; corner < 4; corner++) {
@@ -19171,13 +19180,13 @@ static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
         const sbl__pixel_lobe *s = &r->lobes[p - r->pixels];
         const double cosine = (double)sbl__dot(s->view, p->normal);
         alpha[corner] = p->id ? (double)s->roughness * s->roughness : -1;
-        for (k = 0; k < 3; k++) ways[corner][k] = 2 * cosine * p->normal[k] - s->view[k];
+        for (k = 0; k < 3; k++) directions[corner][k] = 2 * cosine * p->normal[k] - s->view[k];
     }
     for (corner = 0; corner < 4; corner++)
         for (other = corner + 1; other < 4; other++) {
             const double least = SBL__MIN(alpha[corner], alpha[other]), most = SBL__LOBE_SPAN * least;
             double apart2 = 0;
-            for (k = 0; k < 3; k++) apart2 += pow(ways[corner][k] - ways[other][k], 2);
+            for (k = 0; k < 3; k++) apart2 += pow(directions[corner][k] - directions[other][k], 2);
             if (least >= 0 && apart2 > most * most) return 1;
         }
     return 0;
@@ -19701,11 +19710,11 @@ static int sbl__receiver_bin(const sbl__receiver *to, const double position[3]) 
     double x = 0, y = 0, z = 0, length2 = 0, angle;
     int k;
     for (k = 0; k < 3; k++) {
-        const double way = position[k] - to->pixel->position[k];
-        length2 += way * way;
-        x += way * to->right[k];
-        y -= way * to->up[k];  /* see sbl__cosine_direction */
-        z += way * to->pixel->normal[k];
+        const double offset = position[k] - to->pixel->position[k];
+        length2 += offset * offset;
+        x += offset * to->right[k];
+        y -= offset * to->up[k];  /* see sbl__cosine_direction */
+        z += offset * to->pixel->normal[k];
     }
     if (!(z > 0)) return -1;
     angle = atan2(y, x) / (2 * SBL__PI);
@@ -19723,10 +19732,10 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
         double away2 = 0;
         int inside = 1;
         for (k = 0; k < 3; k++) {
-            const float at = from[k] + hit * direction[k], way = m->middle[k] - from[k];
+            const float at = from[k] + hit * direction[k], offset = m->middle[k] - from[k];
             height += m->normal[k] * at;
             inside = inside && at >= m->low[k] - margin && at <= m->high[k] + margin;
-            away2 += (double)way * way;
+            away2 += (double)offset * offset;
         }
         if (inside && height <= margin && height >= -margin) return m->distant ? 0 : SBL__MAX(sqrt(away2), (double)hit);
     }
@@ -19845,15 +19854,16 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
                                            force all others to the best possible quality */
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
-#define SBL__GOAL_STORED 0.25           /* bias and noise may also always have this fraction of the squared uncertainty
-                                           of stored light, since less would hardly reduce the sum of both */
+#define SBL__GOAL_STORED 0.25           /* the squared error from bias and noise may always be this fraction of the
+                                           squared uncertainty of stored light, since a smaller one would hardly reduce
+                                           their sum */
 #define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
+#define SBL__EXPECT_POWER 1.5           /* expected_weight = (expected final / present squared error) ^ this */
 #define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
                                            bought, until it is the price */
 /* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
@@ -20033,13 +20043,13 @@ static sbl_result sbl__weigh_tile(void *work, int at) {
 
 /* Sets r->expected_looks: the looks taken, plus the looks, highest worth first, that reduce the sum of squared errors
    from `left` to target2 per pixel, or as close to it as possible. The result is too low until most tiles that need
-   sensors have been found. Sets r->expected_sure, which rises to 1 as the error falls to its final value. */
+   sensors have been found. Sets r->expected_weight, which rises to 1 as the error falls to its final value. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     const double target = target2 * sbl__weigh_pixels(r), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
     r->expected_looks = (double)r->looks_taken;
     for (left -= target; bin > 0 && left > 0; left -= r->gains[bin]) r->expected_looks += r->costs[--bin];
-    r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
+    r->expected_weight = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_POWER);
 }
 
 /* Returns the lowest worth of the looks and splits that this round buys, so that the sum of squared errors falls from
@@ -20207,7 +20217,7 @@ static void sbl__refine_restart(sbl__refine *r) {
             s->wanted = sbl__tiles_first_looks(s, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
-    r->expected_looks = r->expected_sure = 0;
+    r->expected_looks = r->expected_weight = 0;
     memset(r->sum, 0, sizeof r->sum);
     r->pixels_summed = 0;
 }
@@ -20341,11 +20351,11 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>rounds: functions for later rooms */
 
-/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
+/* Adds to `sum` the layers of the leaf that long rays read at a position on a triangle. Returns 1 if the leaf has
    light. */
 static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
                                   size_t floats, float *sum) {
-    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
+    const uint32_t leaf = sbl__store_for_long(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
     size_t i;
     int lit = 0;
     for (i = 0; i < floats && leaf; i++) {
@@ -21158,8 +21168,8 @@ typedef struct sbl__seams {
                                    channels may become negative */
     int rounds;                 /* number of solutions of this layer so far that made channels negative */
     int bound;                  /* 1: the last solution made channels negative, which were then set to 0 */
-    float before, after;        /* largest absolute luminance of a difference across a seam in the layers so far, before
-                                   the first and after the last solution of a layer */
+    float before, after;        /* largest luminance of a difference across a seam, over the layers so far: before a
+                                   layer is changed, and after */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -21453,7 +21463,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
    and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
    one table. */
 
-/* Memory that a map will need, in bytes, on GPU and host together. [0]: during refinement, [1]: afterwards */
+/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during
+   refinement; [1]: afterwards */
 typedef struct sbl__need {
     double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
     double pixels;              /* number of working pixels */
@@ -21647,10 +21658,10 @@ enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
-/* a texture, and the target for passes that draw into it */
+/* A texture, and the target for passes that draw into it */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
 
-/* a layer of light on the GPU */
+/* A layer of light on the GPU */
 typedef struct sbl__map_layer {
     sbl__texture light;         /* interpolated light; alpha of layer 0: noise of R as in sbl__fill.rgba */
     sbl__map_image smooth;      /* filtered light */
@@ -22133,7 +22144,7 @@ static double *sbl__map_seconds(const void *work) {
 
 /* Estimates the seconds until refinement ends, including those until the store is full. Before the first look, assumes
    the typical time of refinement (SBL__MAP_TYPICAL), or 1e9 s if the work has traced no ray of the store. Later, mixes
-   the rest of the typical time with the time of the looks that errors demand, whose weight is expected_sure. */
+   the rest of the typical time with the time of the looks that errors demand, whose weight is expected_weight. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -22149,7 +22160,7 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     if (!(usual > 0)) usual = SBL__MAP_LOOKS * pixels * spent / taken;
     usual = SBL__MAX(usual - SBL__MAP_SPENT * spent, SBL__MAP_LEAST * usual);
     demanded = SBL__MAX(sbl__refine_looks_expected(r) - looks, 0) * spent / taken;
-    return filling + (1 - r->expected_sure) * usual + r->expected_sure * demanded;
+    return filling + (1 - r->expected_weight) * usual + r->expected_weight * demanded;
 }
 
 /* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
@@ -22396,7 +22407,7 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* what sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo and the luminance of the stored
+/* What sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo and the luminance of the stored
    light that panes show, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
@@ -23554,8 +23565,8 @@ static const sbl__front_end sbl__readings_front_end = {
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this * desc.samples points */
-#define SBL__VERTICES_COARSE 512        /* a triangle of at least this part, 1 / 512, of the square of the diagonal of
-                                           the scene's bounds has at least desc.samples points, and larger ones have
+#define SBL__VERTICES_COARSE 512        /* a triangle with an area of at least d^2 / this, where d is the diagonal of
+                                           the scene's bounds, has at least desc.samples points. Larger triangles have
                                            more, in proportion to their area, because light can vary much on them */
 #define SBL__VERTICES_MIN_AREA 1e-9f    /* smaller areas of triangles, relative to the mean of the mesh, are raised
                                            to this, see sbl__vertices.areas */
@@ -24257,7 +24268,7 @@ enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of
     X(SBL__PROBES_TAKE, NULL, sbl__probes_take, sbl__work_site_count, sbl__probes_after_take)
 enum { SBL__PROBES_STAGES(SBL__STAGE_NAME) SBL__PROBES_DONE };
 
-/* weighted sums that become the fields of sbl_probe with the same name */
+/* Weighted sums that become the fields of sbl_probe with the same name */
 typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
 
 /* A probe of the batch, and sums over the readings of its sites in the current round */
@@ -24522,7 +24533,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
-    float *way = sum->exits[octant];
+    float *nearest = sum->exits[octant];
     int i, k;
     if (!(r->hit_share > 0)) return;
     sum->hits++;
@@ -24535,9 +24546,9 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     }
     if (!(r->back_share > 0)) return;
     sum->back++;
-    if (!exits || (way[3] > 0 && way[3] <= r->hit_mean)) return;
-    for (k = 0; k < 3; k++) way[k] = (float)d[k];
-    way[3] = r->hit_mean;
+    if (!exits || (nearest[3] > 0 && nearest[3] <= r->hit_mean)) return;
+    for (k = 0; k < 3; k++) nearest[k] = (float)d[k];
+    nearest[3] = r->hit_mean;
 }
 
 static sbl_result sbl__probes_take(void *work, int at) {
@@ -24586,16 +24597,16 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int
    is within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
-    float from[3], *way = NULL;
+    float from[3], *nearest = NULL;
     double distance;
     int i, k;
     for (i = 0; i < 8; i++)
-        if (sum->exits[i][3] > 0 && (!way || sum->exits[i][3] < way[3])) way = sum->exits[i];
-    if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
-    distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
+        if (sum->exits[i][3] > 0 && (!nearest || sum->exits[i][3] < nearest[3])) nearest = sum->exits[i];
+    if (!nearest || (double)nearest[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
+    distance = SBL__MIN((double)nearest[3] + SBL__PROBE_BEYOND * most, most);
     sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)way[k]);
-    way[3] = 0;
+    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)nearest[k]);
+    nearest[3] = 0;
     return 1;
 }
 
@@ -24766,12 +24777,12 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl_result result = sbl__inspect_run(k, 0, size, &data);
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
-        const float *sum = data + 4 * (size_t)i, *way = sum + 4 * (size_t)(size[0] * size[1]);
+        const float *sum = data + 4 * (size_t)i, *direction = sum + 4 * (size_t)(size[0] * size[1]);
         const float weight = sum[3];
         sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         ray->lamp = -1;
-        ray->distance = way[3];
-        memcpy(ray->direction, way, sizeof ray->direction);
+        ray->distance = direction[3];
+        memcpy(ray->direction, direction, sizeof ray->direction);
         for (n = 0; n < 3; n++) ray->radiance[n] = weight > 0 ? sum[n] / weight : 0;
         if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
@@ -24840,10 +24851,10 @@ static void sbl__inspect_views(sbl__inspect_request *k) {
 
 /* >>inspect: rays towards lamps */
 
-/* Adds the outputs out_light and out_way of an invocation of lamps.glsl to the result. is_ray: 1: the invocation traced
-   a ray; 0: it describes one of the lamps or clusters that the look chose */
-static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
-    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
+/* Adds the outputs out_light and out_direction of an invocation of lamps.glsl to the result. is_ray: 1: the invocation
+   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *direction, int is_ray) {
+    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)direction[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
     if (!state) return;
     l->rays += is_ray || state > 1;
@@ -24851,7 +24862,7 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
     if (is_ray) {
         sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         ray->lamp = lamp;
-        memcpy(ray->direction, way, sizeof ray->direction);
+        memcpy(ray->direction, direction, sizeof ray->direction);
         memcpy(ray->radiance, light, sizeof ray->radiance);
     } else if (l->kind != SBL_LAMP_SKY_TEXEL)
         memcpy(l->unhindered, light, sizeof l->unhindered);
@@ -25311,7 +25322,7 @@ struct sbl_context {
     sbl__egl egl;
 };
 
-/* state that sbl__visit_enter saves for sbl__visit_leave */
+/* State that sbl__visit_enter saves for sbl__visit_leave */
 typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Marks the context as working, so that calls from callbacks are refused. Makes its own GL context current, if it has
@@ -25884,7 +25895,7 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
 
 /* >>public: queries */
 
-/* functions that return a struct of the context, or all zeroes without a context */
+/* Functions that return a struct of the context, or all zeroes without a context */
 #define SBL__QUERIES(X) \
     X(sbl_context_desc, sbl_query_desc, c->core.desc) \
     X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \

@@ -236,8 +236,7 @@ static int parse_part(void) {
     return status;
 }
 
-/* Reads the options that choose frames. With frames, --part gives each machine a part of them. Returns the exit status.
-   */
+/* Reads the options that choose frames. With frames, --part gives each machine a part. Returns the exit status. */
 static int parse_frames(void) {
     int status = frames_parse(given, &options.part);
     if (status != DONE || !frames.first) return status;

@@ -189,7 +189,7 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
 // Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,
 // through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of
 // a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.
-// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
+// hits: number of surfaces at which the ray continued before. point: see sbl_mirrored
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
     vec3 passing = sbl_passing(s.object, s.material, cosine);
@@ -232,22 +232,22 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);
     sbl_Leaving next, aside;
     int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;
-    bool goes_on = true;
+    bool continues = true;
     int hits = 0;     // number of surfaces at which the ray `aside` has gone on
     int panes = 0;    // number of panes that the ray `next` has passed
     int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes
-    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {
+    while (mirrors < SBL_MIRRORS && (continues || hits > 0)) {
         bool is_aside = turn == SBL_ASIDE_RAY;
         int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;
         vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);
         if (is_aside && hits == 0) {
             bool pane;
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
-            goes_on = next.weight != vec3(0);
-            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror
-            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)
+            continues = next.weight != vec3(0);
+            if (continues && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror
+            for (int once = 0; once < (continues && pane ? 1 : 0); once++)
                 sbl_show_stored(m, s, m.number, true, vec3(1));
-            if (goes_on) m.emission += m.throughput * s.emission;
+            if (continues) m.emission += m.throughput * s.emission;
         }
         sbl_Leaving ray = next;
         if (is_aside) ray = aside;
@@ -259,7 +259,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
         if (turn == SBL_CAMERA_RAY) {
             sbl_correct(s, m, hit, origin, direction);
-            goes_on = m.number >= 0;
+            continues = m.number >= 0;
             turn = SBL_ASIDE_RAY;
             continue;
         }
@@ -288,12 +288,12 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         m.direction = ray.direction;
         m.throughput *= ray.weight;
         m.sky = is_sky;
-        goes_on = !is_sky;
+        continues = !is_sky;
         if (is_sky) continue;
         m.number = hit.number;
         s = found;
     }
-    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);
+    if (continues && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);
     return m;
 }
 

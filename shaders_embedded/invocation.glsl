@@ -29,8 +29,8 @@ vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SB
 // the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R
 // includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
-    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
-    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
+    vec3 scaled = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
+    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * scaled.yzx);
 }
 
 #ifdef SBL_COMPUTE

@@ -176,11 +176,11 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 }
 
 // Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its
-// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part
-// along the normal is approximate.
+// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along
+// the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
-    vec3 way = vec3(0);
+    vec3 integral = vec3(0);
     if (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 a = to_frame * l.corner, kept[4];
         vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);
@@ -193,7 +193,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)
             vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
             float size = length(across);
-            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
+            integral += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
         }
         for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983
             vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));
@@ -201,15 +201,15 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
                             dot(r, p) * lengths.y;
             solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);
         }
-        way = transpose(to_frame) * way * sign(solid_angle);
+        integral = transpose(to_frame) * integral * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness
+    if (sbl_is_light(l)) {  // solid_angle and integral are divided by pi * sine2, to match l.brightness
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
-        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;
+        integral = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;
     }
-    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
+    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * integral.yzx), l.brightness);
 }
 
 // >>clusters

@@ -9,8 +9,8 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// The rays of a look are divided among `blocks.y` invocations. An invocation usually
-// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.
+// The rays of a look are divided among `blocks.y` invocations. An invocation usually stops when its rays agree
+// (see SBL_PASS_CHANCE). With SBL_INSPECT, an invocation reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl
 uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points
 uniform float scale;                  // factor from R to the output
@@ -21,7 +21,7 @@ uniform int sheet_slot;               // slot of the look's views in the view te
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
-SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
+SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
 const bool inspected = false;
 SBL_OUT(0, out_light);                // rgb: R by the invocation's rays * scale; a: variance of its luminance
@@ -289,8 +289,8 @@ mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `see
 vec3 open_layers[2 * SBL_GROUPS], seen_layers[2 * SBL_GROUPS];  // layers of `open` and of `seen`, see whole_layers
 vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of `sure` and of `sampled`
 #endif
-vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way
-bool reporting;                               // true: sbl_shoot reports its ray
+vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction
+bool reporting;                                     // true: sbl_shoot reports its ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
@@ -329,7 +329,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #endif
     if (reporting) {
         report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));
-        report_way = vec4(point ? vec3(0) : to / away, p.leaf);
+        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);
     }
     if (!point && (at_rim || !cluster)) {
         if (hidden) blocked += l.facing;
@@ -476,7 +476,7 @@ int sbl_pass_count() {
 }
 
 // Returns true with the probability SBL_PASS_CHANCE.
-bool sbl_goes_on(int invocation) {
+bool sbl_makes_all_passes(int invocation) {
     uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;
     hash = (hash ^ hash >> 16) * 2246822519u;
     return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;
@@ -513,7 +513,7 @@ void main() {
     sbl_choose();
     if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
         report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);
-        report_way.w = float(entries[wanted - rays]);
+        report_direction.w = float(entries[wanted - rays]);
     }
 #ifdef SBL_GROUPS
     for (int g = 0; g < 2 * SBL_GROUPS; g++)
@@ -526,7 +526,7 @@ void main() {
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
-    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(invocation);
+    bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);
     sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
         // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square
@@ -558,24 +558,24 @@ void main() {
             if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
             sbl_Sample s = sbl_sample(l, p.u);
             if (corner) {
-                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
+                vec3 to_sample = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
                            (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;
-                s.distance = length(way);
-                s.direction = way / s.distance;
-                s.light = vec3(dot(way, n));
+                s.distance = length(to_sample);
+                s.direction = to_sample / s.distance;
+                s.light = vec3(dot(to_sample, n));
             }
             reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
             sbl_shoot(slot, p, l, s, at_rim, point);
         }
         if (point || stopped) continue;
         undecided = sbl_undecided();
-        if (undecided || !goes_on || pass + 1 == passes) continue;
+        if (undecided || !all_passes || pass + 1 == passes) continue;
         early = sbl_combine();
         undecided = stopped = true;
     }
 #ifdef SBL_INSPECT
     sbl_write(out_light, vec4(report.rgb * unit, report.a));
-    sbl_write(out_way, report_way);
+    sbl_write(out_direction, report_direction);
 #else
     sbl_Result r;
     if (stopped) r = sbl_combine_after(early);

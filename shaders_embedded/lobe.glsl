@@ -122,11 +122,11 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 }
 
 // Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
-// of the triangle; way: vector from the viewer to the point
-float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
-    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,
-                                                       // since the products would underflow
-    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
+// of the triangle; to_point: vector from the viewer to the point
+float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {
+    // Vectors are divided by `away` before they are multiplied, because the products would underflow.
+    float away = max(length(to_point), SBL_DIVISOR_LEAST);
+    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);
 }
 
 const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles

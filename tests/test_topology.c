@@ -865,7 +865,7 @@ TEST(settled_hits_are_skipped) {
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit in a leaf that may yet be cut is settled");
     b.cut_leaves = 3;
     CHECK(!sbl__hit_is_settled(&b, &hits[2], 0), "the hit in a leaf that lacks points is settled");
-    hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
+    hits[0].distance = (float)SBL__BOUNCE_LONG + 1;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
     hits[0].distance = 0;
     hits[0].current = 0;
@@ -2005,9 +2005,9 @@ TEST(leaves_have_limits) {
     state.most = 4 * SBL__BOUNCE_POINTS;
     store.length = 0.5f;
     store.max_leaves = 1000;
-    at.distance = 0.49f * (float)SBL__BOUNCE_AFAR;
+    at.distance = 0.49f * (float)SBL__BOUNCE_LONG;
     CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "a near hit becomes a further point");
-    at.distance = 0.51f * (float)SBL__BOUNCE_AFAR;
+    at.distance = 0.51f * (float)SBL__BOUNCE_LONG;
     CHECK(sbl__points_most(&b, &at, 0) == 4 * SBL__BOUNCE_POINTS, "a far hit becomes no further point");
     b.black = SBL__BLACK_EQUAL;
     CHECK(sbl__cells_black_most(&b) == 1000, "%d leaves may be black", sbl__cells_black_most(&b));
