@@ -2170,6 +2170,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    FOR THOSE WHO CHANGE IT
 
+   Names: a function gets the struct that it works on as its first parameter, mostly with the initial of the type as its
+   name: d is the sbl__device, g the sbl__geometry, b the sbl__bounce, r the sbl__refine, t an sbl__tile. Loops count
+   with i, k and n.
+
    Any change is fine if scripts/test passes. tests/test_pinned.c compares pictures to the bit. scripts/compare_commits
    BASE shows what a change does to some 220 pictures and bakes, and to their times. tests/tools/rooms.py lists the
    length of all rooms, and refuses functions of more than 80 lines or 6 parameters, and lines of more than 120 columns.
@@ -4856,34 +4860,34 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
    some vertices are already transformed. g->centre is subtracted in double precision. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
     sbl__mesh *mesh = &g->meshes[number];
-    const double d = sbl__affine_determinant(m);
-    double n[9], column[3][3];
-    int v, i, k;
-    /* Normals are transformed by the cofactor matrix n, which is the determinant times the inverse transpose. */
+    const double determinant = sbl__affine_determinant(m);
+    double cofactors[9], column[3][3];
+    int vertex, i, k;
+    /* Normals are transformed by the matrix of cofactors, which is the determinant times the inverse transpose. */
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
-    for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
-    for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
-        const float *p = g->positions + 3 * (size_t)v, *q = g->normals + 3 * (size_t)v;
-        float *world = g->vertices[v].position;
+    for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], cofactors + 3 * i);
+    for (vertex = mesh->first_vertex; vertex < mesh->first_vertex + mesh->vertex_count; vertex++) {
+        const float *p = g->positions + 3 * (size_t)vertex, *q = g->normals + 3 * (size_t)vertex;
+        float *world = g->vertices[vertex].position;
         double normal[3];
         for (i = 0; i < 3; i++) {
             world[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] +
                                ((double)m[12 + i] - g->centre[i]));
-            normal[i] = n[i] * q[0] + n[3 + i] * q[1] + n[6 + i] * q[2];
-            if (d < 0) normal[i] = -normal[i];
+            normal[i] = cofactors[i] * q[0] + cofactors[3 + i] * q[1] + cofactors[6 + i] * q[2];
+            if (determinant < 0) normal[i] = -normal[i];
         }
         for (i = 0; i < 3; i++)
             if (!(fabs((double)world[i] + g->centre[i]) < SBL__COORDINATE_MOST)) {
                 sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d is at %g %g %g in world "
-                         "space; coordinates must be between -1e18 and 1e18", number, v - mesh->first_vertex,
+                         "space; coordinates must be between -1e18 and 1e18", number, vertex - mesh->first_vertex,
                          (double)world[0] + g->centre[0], (double)world[1] + g->centre[1],
                          (double)world[2] + g->centre[2]);
                 return 0;
             }
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders replace it by the face normal */
-        for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
+        for (i = 0; i < 3; i++) g->attributes[vertex].normal[i] = (float)normal[i];
     }
-    if ((d < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
+    if ((determinant < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
     memmove(mesh->transform, m, sizeof mesh->transform);
     return 1;
 }
@@ -5401,25 +5405,25 @@ static sbl_result sbl__solver_term(void *work, int term) {
 
 /* Does the current stage, except SBL__SOLVER_MULTIPLY, for one channel of an unknown. i: index in the arrays */
 static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
-    const double d = s->diagonal[i];
+    const double diagonal = s->diagonal[i];
     double preconditioned, step;
     switch (s->stages.stage) {
         case SBL__SOLVER_START:
-            preconditioned = d > 0 ? s->residual[i] / d : 0;
+            preconditioned = diagonal > 0 ? s->residual[i] / diagonal : 0;
             sum->power += s->residual[i] * preconditioned;
             sum->first2 += preconditioned * preconditioned;
             break;
         case SBL__SOLVER_TURN:
-            s->direction[i] = (d > 0 ? s->residual[i] / d : 0) + sum->turn * s->direction[i];
+            s->direction[i] = (diagonal > 0 ? s->residual[i] / diagonal : 0) + sum->turn * s->direction[i];
             s->product[i] = s->identity * s->direction[i];
             break;
         case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
         default:
-            if (!(d > 0)) break;
+            if (!(diagonal > 0)) break;
             step = sum->along > 0 ? sum->power / sum->along : 0;
             s->solution[i] += step * s->direction[i];
             s->residual[i] -= step * s->product[i];
-            preconditioned = s->residual[i] / d;
+            preconditioned = s->residual[i] / diagonal;
             sum->next_power += s->residual[i] * preconditioned;
             sum->left2 += preconditioned * preconditioned;
     }
@@ -15255,7 +15259,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = spec->traced ? 1 : j->scene->geometry.extent;
     const int looks = j->task.sites[j->site].looks, harmonics = 3 * (sbl__spec_layers(spec) - 1);
     sbl_reading *r = &j->task.readings[j->site];
-    float *h = harmonics ? j->task.layers + (size_t)harmonics * (size_t)j->site : NULL;
+    float *layers = harmonics ? j->task.layers + (size_t)harmonics * (size_t)j->site : NULL;
     float variance = 0;
     int k;
     if (j->look == 0) {
@@ -15265,13 +15269,13 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
         r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
-        for (k = 0; k < harmonics; k++) h[k] = 0;
+        for (k = 0; k < harmonics; k++) layers[k] = 0;
     }
     if (spec->counts_steps) r->hit_mean = (j->look ? r->hit_mean : 0) + hits[1];
     if (hits[2] < 0) r->valid = 0;
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
     for (k = 0; k < harmonics; k++)
-        h[k] += (spec->groups ? found[2 + k / 4][k % 4] : found[2 + k % 3][k / 3]) / scale;
+        layers[k] += (spec->groups ? found[2 + k / 4][k % 4] : found[2 + k % 3][k / 3]) / scale;
     if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
     if (!spec->traced && !spec->paper) {
         const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__luminance(sum) / scale;
@@ -15280,11 +15284,11 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     r->noise += variance;
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
-    for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
+    for (k = 0; k < harmonics; k++) layers[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
-    if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
+    if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(layers, harmonics)) {
         memset(r, 0, sizeof *r);
-        for (k = 0; k < harmonics; k++) h[k] = 0;
+        for (k = 0; k < harmonics; k++) layers[k] = 0;
     }
     j->look = 0;
     j->site++;
@@ -18740,25 +18744,25 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
                                            between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
-static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
-    return sbl__pixel_at(r, c->area.x[corner & 1], c->area.y[corner >> 1]);
+static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *t, int corner) {
+    return sbl__pixel_at(r, t->area.x[corner & 1], t->area.y[corner >> 1]);
 }
 
 /* Returns the larger of a tile's width and height, or 0 for a picture of one pixel. Tiles of span 0 or 1 are not
    split. */
-static int sbl__tile_span(const sbl__tile *c) {
-    return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
+static int sbl__tile_span(const sbl__tile *t) {
+    return SBL__MAX(t->area.x[1] - t->area.x[0], t->area.y[1] - t->area.y[0]);
 }
 
 typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__edge;
 
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
-static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
+static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *t, int side) {
     sbl__edge e;
     int end;
     for (end = 0; end < 2; end++) {
-        e.line.x[end] = c->area.x[side < 2 ? end : side - 2];
-        e.line.y[end] = c->area.y[side < 2 ? side : end];
+        e.line.x[end] = t->area.x[side < 2 ? end : side - 2];
+        e.line.y[end] = t->area.y[side < 2 ? side : end];
         e.ends[end] = sbl__pixel_at(r, e.line.x[end], e.line.y[end]);
     }
     return e;
@@ -18775,8 +18779,8 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
 }
 
 /* Returns the pixels that a tile fills in: all but its last column and row, unless the picture ends there. */
-static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
-    sbl__range pixels = c->area;
+static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *t) {
+    sbl__range pixels = t->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
     pixels.y[1] -= pixels.y[1] < r->height - 1;
     return pixels;
@@ -18802,14 +18806,14 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
 /* Adds light in place of a corner whose light the pixel cannot use: extrapolates linearly from each adjacent corner and
    the sensor at equal distance beyond it, or copies the adjacent corner if no sensor is there. Adds nothing if the
    pixel cannot use the light of any adjacent corner. */
-static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
+static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *t, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
     const int right = corner & 1, lower = corner >> 1;
     float portion;
     int axis;
     for (axis = 0; axis < 2; axis++) {
-        const sbl__edge e = sbl__tile_edge(r, c, axis ? 2 + right : lower);
+        const sbl__edge e = sbl__tile_edge(r, t, axis ? 2 + right : lower);
         const int end = axis ? !lower : !right;
         adjacent[axis] = e.ends[0] == e.ends[1] ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
         beyond[axis] = adjacent[axis] ? sbl__sensor_beyond(r, pixel, &e, end, 1) : NULL;
@@ -18827,8 +18831,8 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Computes the distance of pixel (x, y) from a tile's left and upper edge, as fractions of its width and height. */
-static void sbl__tile_position(const sbl__tile *c, int x, int y, float fraction[2]) {
-    const sbl__range *a = &c->area;
+static void sbl__tile_position(const sbl__tile *t, int x, int y, float fraction[2]) {
+    const sbl__range *a = &t->area;
     fraction[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
     fraction[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
@@ -18839,14 +18843,14 @@ static float sbl__tile_weight(const float fraction[2], int corner) {
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. If no light can be used, m->covered is 0. */
-static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
+static void sbl__interpolate(const sbl__refine *r, const sbl__tile *t, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_position(c, x, y, m->fraction);
+    sbl__tile_position(t, x, y, m->fraction);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         float weight = sbl__tile_weight(m->fraction, corner), belongs;
         if (weight <= 0) continue;
         belongs = sbl__usable(r, p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
@@ -18854,7 +18858,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
             sbl__mix_add(r, m, p, weight * belongs);
             m->own += weight * belongs;
             m->covered += weight * belongs;
-        } else if (r->geometry_aware) sbl__mix_extrapolate(r, c, corner, pixel, weight, m);
+        } else if (r->geometry_aware) sbl__mix_extrapolate(r, t, corner, pixel, weight, m);
     }
     if (!(m->covered > 0)) return;
     for (k = 0; k < 3; k++) m->light[k] = sbl__clamp_light(layer, m->light[k] / m->covered);
@@ -18952,12 +18956,12 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
 }
 
 /* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
-   interpolation and, with weight c->uncovered, of extrapolation. Sets c->unseen_bias2, a part of the second. */
-static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
+   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the second. */
+static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *t) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__edge e = sbl__tile_edge(r, t, side);
         float at[2][3], error[3];
         if (e.ends[0] == e.ends[1]) continue;
         if (sbl__edge_curvature(r, &e, 0, at)) {
@@ -18974,15 +18978,15 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     }
     if (insides) inside /= (float)insides;
     outside = outsides ? outside / (float)outsides : inside;
-    c->unseen_bias2 = outsides ? c->uncovered * unseen / (float)outsides : 0;
-    return (1 - c->uncovered) * inside + c->uncovered * outside;
+    t->unseen_bias2 = outsides ? t->uncovered * unseen / (float)outsides : 0;
+    return (1 - t->uncovered) * inside + t->uncovered * outside;
 }
 
 /* Returns the next pixel on a tile's edges that has usable light of its own, either from the store or from a sensor
    that a neighbour's split has added, or NULL at the end. Skips corners, where interpolation is exact. *at: counter of
    pixels on the edges, from 0. *guess: receives the light that the tile interpolates at this pixel */
-static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
-    const sbl__range *a = &c->area;
+static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *t, int *at, sbl__mix *guess) {
+    const sbl__range *a = &t->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
     while (*at < 2 * (width + height)) {
         const int along = *at < 2 * width, i = along ? *at >> 1 : (*at - 2 * width) >> 1, far_side = *at & 1;
@@ -18990,7 +18994,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         (*at)++;
         if (i == 0 || !sbl__usable(r, p)) continue;
-        sbl__interpolate(r, c, x, y, 0, guess);
+        sbl__interpolate(r, t, x, y, 0, guess);
         return p;
     }
     return NULL;
@@ -18998,12 +19002,12 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
 
 /* Returns the mean, over the sensors on a tile's edges, of the squared error of interpolation, less 1.5 times the
    variance that noise explains; 0: no sensors. */
-static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
+static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
     float sum = 0, difference[3];
     int k, at = 0, count = 0;
-    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL) {
+    while ((p = sbl__tile_next_sensor(r, t, &at, &guess)) != NULL) {
         if (!(guess.covered > 0)) continue;
         for (k = 0; k < 3; k++) difference[k] = sbl__pixel_light(r, p, 0)[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
@@ -19016,8 +19020,8 @@ static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
 /* Returns the squared error of interpolation in a tile, including noise. The error at sensors on the edges has half
    weight, and only counts if it exceeds sbl__tile_edge_bias2, because neighbours put such sensors where they had to
    split. */
-static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
-    const float edges2 = sbl__tile_edge_bias2(r, c), sensors2 = sbl__tile_sensor_bias2(r, c);
+static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *t) {
+    const float edges2 = sbl__tile_edge_bias2(r, t), sensors2 = sbl__tile_sensor_bias2(r, t);
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
 }
 
@@ -19041,11 +19045,11 @@ typedef struct sbl__corners {
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
-static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
+static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *t) {
     sbl__corners all = { 0, 0, 0 };
     int corner;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (sbl__usable(r, p) && s->looks) all.looks = all.looks ? SBL__MIN(all.looks, s->looks) : s->looks;
         all.is_new |= s->round == r->rounds - 1;
@@ -19057,15 +19061,15 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
 /* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with the fewest looks of the parent's
    sensors, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__tiles_add(sbl__refine *r, const sbl__range *area, int parent) {
-    sbl__tile *c;
+    sbl__tile *t;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_capacity, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
-    c = &r->tiles[r->tile_count++];
-    memset(c, 0, sizeof *c);
-    c->area = *area;
-    c->level = (short)(parent < 0 ? 0 : r->tiles[parent].level + 1);
-    c->parent = parent;
-    c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
+    t = &r->tiles[r->tile_count++];
+    memset(t, 0, sizeof *t);
+    t->area = *area;
+    t->level = (short)(parent < 0 ? 0 : r->tiles[parent].level + 1);
+    t->parent = parent;
+    t->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
     return SBL_SUCCESS;
 }
 
@@ -19108,18 +19112,18 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
 
 /* Returns 1 if the light of two corners on one surface differs (see sbl__differ), or if the light of a sensor on an
    edge of the tile differs from the interpolated light. */
-static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
+static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
     int i, k, at = 0;
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
-            const sbl__pixel *a = sbl__tile_corner(r, c, i), *b = sbl__tile_corner(r, c, k);
+            const sbl__pixel *a = sbl__tile_corner(r, t, i), *b = sbl__tile_corner(r, t, k);
             if (sbl__connected(r, a, b, r->geometry_aware) &&
                 sbl__differ(r, sbl__pixel_light(r, a, 0), sbl__pixel_light(r, b, 0),
                             sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
-    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL)
+    while ((p = sbl__tile_next_sensor(r, t, &at, &guess)) != NULL)
         if (guess.own > 0 && sbl__differ(r, guess.light, sbl__pixel_light(r, p, 0),
                                          guess.variance + sbl__variance(r, p))) return 1;
     return 0;
@@ -19128,14 +19132,14 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
 /* In a refinement of lobes, foresees the error of interpolation at a pixel, because light in wide lobes changes in
    about the same areas as R: returns the squared difference, in absolute luminance, between R at the pixel and R
    interpolated from a tile's corners. Returns 0 if lobes are narrow or no corner fits. */
-static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
+static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *t, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
     float light = 0, weights = 0, fraction[2];
     int corner;
-    sbl__tile_position(c, x, y, fraction);
+    sbl__tile_position(t, x, y, fraction);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const float at = r->lobes[p - r->pixels].light;
         const float weight = sbl__tile_weight(fraction, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
         light += weight * at;
@@ -19147,23 +19151,23 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
 }
 
 /* Adds the pixels in row y of the range to the tile's sums: pixels, counted, weight2, foreseen_bias2 and uncovered.
-   Sets c->must_split if the corners give one of these pixels too little weight. */
-static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
-    const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
+   Sets t->must_split if the corners give one of these pixels too little weight. */
+static void sbl__tile_count(const sbl__refine *r, sbl__tile *t, const sbl__range *pixels, int y) {
+    const int extrapolated = r->geometry_aware && sbl__tile_span(t) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
     for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         sbl__mix m;
         if (!p->id) continue;
-        c->pixels++;
-        c->counted += sbl__window_counts(&r->window, x, y);
-        if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
-        if (r->albedos) c->weight2 += r->albedos[p - r->pixels] * r->albedos[p - r->pixels];
-        if (r->lobes) c->foreseen_bias2 += sbl__tile_foresee(r, c, x, y);
+        t->pixels++;
+        t->counted += sbl__window_counts(&r->window, x, y);
+        if (r->lobes) t->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
+        if (r->albedos) t->weight2 += r->albedos[p - r->pixels] * r->albedos[p - r->pixels];
+        if (r->lobes) t->foreseen_bias2 += sbl__tile_foresee(r, t, x, y);
         if (sbl__sensor_of(r, p)->sensed) continue;
-        sbl__interpolate(r, c, x, y, 0, &m);
-        c->uncovered += 1 - m.own;
-        if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) c->must_split = 1;
+        sbl__interpolate(r, t, x, y, 0, &m);
+        t->uncovered += 1 - m.own;
+        if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) t->must_split = 1;
     }
 }
 
@@ -19171,12 +19175,12 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 /* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN *
    the width of the lobes, which is about alpha: the tile could miss details of the reflection. */
-static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
+static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *t) {
     double directions[4][3], alpha[4];
     int corner, other, k;
-    if (sbl__tile_span(c) <= 1) return 0;
+    if (sbl__tile_span(t) <= 1) return 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__pixel_lobe *s = &r->lobes[p - r->pixels];
         const double cosine = (double)sbl__dot(s->view, p->normal);
         alpha[corner] = p->id ? (double)s->roughness * s->roughness : -1;
@@ -19331,20 +19335,20 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
     for (; r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
-        const sbl__tile *c = &r->tiles[r->listed];
+        const sbl__tile *t = &r->tiles[r->listed];
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (c->split) continue;
+        if (t->split) continue;
         for (corner = 0; corner < 4; corner++) {
-            sbl__pixel *p = sbl__tile_corner(r, c, corner);
+            sbl__pixel *p = sbl__tile_corner(r, t, corner);
             sbl__sensor *s = sbl__sensor_of(r, p);
             if (!p->id || s->queued || (s->sensed && s->wanted <= s->looks)) continue;
             s = sbl__sensor_add(r, p);
             if (!s) return SBL_ERROR_OUT_OF_MEMORY;
             s->queued = 1;
             if (!s->sensed) {
-                s->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                s->level = (unsigned char)(1 + SBL__MIN(t->level, SBL_MAX_LEVELS - 1));
                 s->look = r->look_count;
-                s->wanted = sbl__tiles_first_looks(s, c->looks);
+                s->wanted = sbl__tiles_first_looks(s, t->looks);
             }
             if (sbl__tiles_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
@@ -19930,11 +19934,11 @@ static void sbl__weigh_begin(sbl__refine *r) {
 }
 
 /* Returns how many pixels the filter averages in a tile of span 1: fewer where corners differ by more than `noise`. */
-static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
+static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *t, float noise) {
     float alike = 0;
     int side, count = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__edge e = sbl__tile_edge(r, t, side);
         const sbl__pixel *a = e.ends[0], *b = e.ends[1];
         if (a == b || !sbl__usable(r, a) || !sbl__usable(r, b)) continue;
         count++;
@@ -19952,21 +19956,21 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
    sensors had when it was split. Where surfaces reflect, a single ray among them that finds a lamp by chance raises
    this variance much. There, the weight therefore falls as the tile's own sensors get more looks. In refinements of
    lobes it does not, because pictures with a price would then differ more from pictures with a target. */
-static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *c) {
-    const int looks = sbl__tile_corners(r, c).looks, reflects = (r->core->scene.features & SBL__SPECULAR) != 0;
-    if (!reflects || r->lobes || looks <= c->looks) return SBL__PARENT_WEIGHT;
-    return SBL__PARENT_WEIGHT * (float)c->looks / (float)looks;
+static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *t) {
+    const int looks = sbl__tile_corners(r, t).looks, reflects = (r->core->scene.features & SBL__SPECULAR) != 0;
+    if (!reflects || r->lobes || looks <= t->looks) return SBL__PARENT_WEIGHT;
+    return SBL__PARENT_WEIGHT * (float)t->looks / (float)looks;
 }
 
 /* Computes noise2, variance and light of a tile from its usable corners, the variance also from the parent tile. If no
    corner is usable, only sets noise2 to 0. Adds the tile's light, pixels and variance to the sums of the picture. */
-static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
-    const int span = sbl__tile_span(c);
+static void sbl__tile_noise(sbl__refine *r, sbl__tile *t) {
+    const int span = sbl__tile_span(t);
     float variance, ratios = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p)) continue;
         sum += s->variance;
@@ -19974,65 +19978,65 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
         for (k = 0; k < 3; k++) light[k] += s->radiance[k];
         count++;
     }
-    c->noise2 = 0;
+    t->noise2 = 0;
     if (!count) return;
-    c->variance = variance = sbl__relative2(r, sum / count);
-    if (c->parent >= 0)
-        c->variance += sbl__tile_parent_weight(r, c) * (r->tiles[c->parent].variance - variance);
-    variance = c->variance * ratios / (float)count;
-    c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
-                         : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    t->variance = variance = sbl__relative2(r, sum / count);
+    if (t->parent >= 0)
+        t->variance += sbl__tile_parent_weight(r, t) * (r->tiles[t->parent].variance - variance);
+    variance = t->variance * ratios / (float)count;
+    t->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
+                         : variance / sbl__tile_smoothing(r, t, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++)
-        r->sum[k] += (double)light[k] * c->counted / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
-    r->pixels_summed += c->counted;
-    r->look_variance += (double)c->variance * (double)(c->weight2 / r->shown2) * c->counted;
-    c->light = sbl__luminance(light) / (float)count;
-    r->shown_sum += (double)c->light * sqrt((double)c->weight2) * c->counted;
+        r->sum[k] += (double)light[k] * t->counted / count * (r->lobes ? sqrt((double)t->weight2) : 1.0);
+    r->pixels_summed += t->counted;
+    r->look_variance += (double)t->variance * (double)(t->weight2 / r->shown2) * t->counted;
+    t->light = sbl__luminance(light) / (float)count;
+    r->shown_sum += (double)t->light * sqrt((double)t->weight2) * t->counted;
 }
 
-/* Updates c->raw_bias2 or, if c->must_split or a threshold decides, c->split_worth (FLT_MAX: split; 0: do not). */
-static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
-    const int span = sbl__tile_span(c);
+/* Updates t->raw_bias2 or, if t->must_split or a threshold decides, t->split_worth (FLT_MAX: split; 0: do not). */
+static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *t) {
+    const int span = sbl__tile_span(t);
     if (span <= 1) return;
-    if (c->must_split) c->split_worth = FLT_MAX;
-    else if (r->threshold > 0) c->split_worth = c->pixels && sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (c - r->tiles >= r->first_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
-        c->raw_bias2 = sbl__tile_raw_bias2(r, c);
+    if (t->must_split) t->split_worth = FLT_MAX;
+    else if (r->threshold > 0) t->split_worth = t->pixels && sbl__tile_differs(r, t) ? FLT_MAX : 0;
+    else if (t - r->tiles >= r->first_new || sbl__tile_corners(r, t).is_new || span > SBL__EXTRAPOLATED_SPAN)
+        t->raw_bias2 = sbl__tile_raw_bias2(r, t);
 }
 
 /* Predicts the errors of a tile, and the gain of a split and of more looks: the reduction of the sum of squared errors
    per look. Adds the gains to the histogram from which sbl__weigh_end finds the lowest worth to buy. */
 static sbl_result sbl__weigh_tile(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    sbl__tile *c = &r->tiles[at];
-    const float weight2 = c->weight2 / r->shown2;
+    sbl__tile *t = &r->tiles[at];
+    const float weight2 = t->weight2 / r->shown2;
     float bias2, gain, variance, weight, least;
-    int looks = sbl__tile_corners(r, c).looks, most, interpolated;
-    if (c->split) return SBL_SUCCESS;
-    sbl__tile_weigh_split(r, c);
-    sbl__tile_noise(r, c);
-    interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
-    variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
-    c->noise2 *= weight2;
-    least = SBL__MAX(c->unseen_bias2, c->foreseen_bias2);
-    c->bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
-    r->bias2 += (double)c->bias2 * SBL__MAX(c->counted - 1, 0);
-    r->noise2 += (double)c->noise2 * c->counted;
-    bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
-    weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
-    if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
+    int looks = sbl__tile_corners(r, t).looks, most, interpolated;
+    if (t->split) return SBL_SUCCESS;
+    sbl__tile_weigh_split(r, t);
+    sbl__tile_noise(r, t);
+    interpolated = SBL__MAX(t->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
+    variance = t->noise2 / sbl__noise_left(r, sbl__tile_span(t));
+    t->noise2 *= weight2;
+    least = SBL__MAX(t->unseen_bias2, t->foreseen_bias2);
+    t->bias2 = weight2 * SBL__MAX(t->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
+    r->bias2 += (double)t->bias2 * SBL__MAX(t->counted - 1, 0);
+    r->noise2 += (double)t->noise2 * t->counted;
+    bias2 = weight2 * SBL__MAX(t->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
+    weight = 1 / (t->light / r->luminance + SBL__GAIN_FLOOR);
+    if (sbl__tile_span(t) > 1 && !(r->threshold > 0)) {
         const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
-                                (c->light / r->luminance + SBL__TILE_ERROR_FLOOR);
+                                (t->light / r->luminance + SBL__TILE_ERROR_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
-        if (c->split_worth < FLT_MAX)
-            c->split_worth = c->pixels && bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        if (gain > 0) sbl__weigh_add(r, c->split_worth, gain, cost);
+        if (t->split_worth < FLT_MAX)
+            t->split_worth = t->pixels && bias2 > error_max * error_max ? FLT_MAX : gain * weight;
+        if (gain > 0) sbl__weigh_add(r, t->split_worth, gain, cost);
     }
-    c->look_worth = 0;
+    t->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return SBL_SUCCESS;
-    gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
-    c->look_worth = gain * weight;
+    gain = t->noise2 * (float)t->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
+    t->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
         if (gain > 0) sbl__weigh_add(r, gain * weight, gain, looks);
@@ -20099,22 +20103,22 @@ static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *at = &r->stages.at;
     for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
-        sbl__tile *c = &r->tiles[*at];
-        const sbl__range pixels = sbl__tile_pixels(r, c);
+        sbl__tile *t = &r->tiles[*at];
+        const sbl__range pixels = sbl__tile_pixels(r, t);
         const int from[2] = { pixels.x[0], pixels.y[0] }, to[2] = { pixels.x[1], pixels.y[1] };
         const int refines = sbl__window_refines(&r->window, from, to);
-        if (r->row == 0) c->pixels = c->counted = c->must_split = 0;
-        if (r->row == 0) c->uncovered = 0;
-        if (r->row == 0) c->weight2 = r->lobes || r->albedos ? 0.0f : 1.0f;
-        if (r->row == 0) c->foreseen_bias2 = 0;
+        if (r->row == 0) t->pixels = t->counted = t->must_split = 0;
+        if (r->row == 0) t->uncovered = 0;
+        if (r->row == 0) t->weight2 = r->lobes || r->albedos ? 0.0f : 1.0f;
+        if (r->row == 0) t->foreseen_bias2 = 0;
         for (; refines && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
+            sbl__tile_count(r, t, &pixels, pixels.y[0] + r->row);
         }
-        if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && (r->lobes || r->albedos)) c->weight2 /= (float)c->pixels;
-        if (c->pixels) c->foreseen_bias2 = sbl__relative2(r, (double)c->foreseen_bias2 / c->pixels);
-        if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
+        if (t->pixels) t->uncovered /= (float)t->pixels;
+        if (t->pixels && (r->lobes || r->albedos)) t->weight2 /= (float)t->pixels;
+        if (t->pixels) t->foreseen_bias2 = sbl__relative2(r, (double)t->foreseen_bias2 / t->pixels);
+        if (t->pixels && r->lobes && sbl__tile_is_wide(r, t)) t->must_split = 1;
     }
     return SBL_SUCCESS;
 }
@@ -20126,18 +20130,18 @@ static int sbl__weigh_weighed_tiles(void *work) { return ((sbl__refine *)work)->
    doubling is worth it. */
 static sbl_result sbl__weigh_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__tile *c = &r->tiles[at];
-    float worth = c->look_worth;
-    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
-    if (c->split) return SBL_SUCCESS;
-    if (c->split_worth >= r->least_worth && sbl__tile_span(c) > 1) {
+    const sbl__tile *t = &r->tiles[at];
+    float worth = t->look_worth;
+    int corner, looks = sbl__tile_corners(r, t).looks, growth = 1;
+    if (t->split) return SBL_SUCCESS;
+    if (t->split_worth >= r->least_worth && sbl__tile_span(t) > 1) {
         r->bought++;
         return sbl__tile_split(r, at);
     }
     for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4 && growth > 1; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p) || !s->looks || s->wanted >= looks) continue;
         s->wanted = looks;
@@ -20598,28 +20602,28 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
-/* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
+/* Fills in a pixel of tile t, whose sensors have all been read: with usable light of its own or, unless the texel is
    hidden, by interpolation. Other pixels are orphans: they get the light of their own invalid sensor, or 0, and keep it
    if no ring reaches them. parabolas: second differences of the tile's four edges, see sbl__tile_edge */
-static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
+static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *t, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
-    const float weight2 = r->albedos ? SBL__MAX(c->weight2 / r->shown2, 1e-6f) : 1;
+    const float weight2 = r->albedos ? SBL__MAX(t->weight2 / r->shown2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
-    p->error = sbl__pixel_error(r, p, (c->bias2 + c->noise2) / weight2);
+    p->error = sbl__pixel_error(r, p, (t->bias2 + t->noise2) / weight2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
-        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_ratio(r, s->looks));
+        const float least = r->luminance * (float)sqrt((double)t->variance * (double)sbl__variance_ratio(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
                                                        rays of this one may agree by chance */
-        p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
+        p->error = sbl__pixel_error(r, p, t->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
-        sbl__interpolate(r, c, x, y, f->layer, &m);
+        sbl__interpolate(r, t, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
             const float *fraction = m.fraction, top = parabolas[0][k], left = parabolas[2][k];
@@ -20694,18 +20698,18 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     int x, y, k;
     if (result != SBL_SUCCESS) return result;
     for (; f->tile < r->tile_count; f->tile++, f->row = 0) {
-        const sbl__tile *c = &r->tiles[f->tile];
-        const sbl__range pixels = sbl__tile_pixels(r, c);
+        const sbl__tile *t = &r->tiles[f->tile];
+        const sbl__range pixels = sbl__tile_pixels(r, t);
         float parabolas[4][3];
-        if (c->split) continue;
-        while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
+        if (t->split) continue;
+        while (t->parent >= 0 && sbl__tile_corners(r, t).unread) t = &r->tiles[t->parent];
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__tile_edge(r, c, k);
+            const sbl__edge edge = sbl__tile_edge(r, t, k);
             sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
         }
         for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, c, parabolas);
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, t, parabolas);
         }
     }
     return f->orphans ? sbl__fill_orphans(f, slice) : SBL_SUCCESS;
@@ -23800,7 +23804,7 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
-    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, w[4] = { 0, 0, 0, 0 };
+    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, weights[4] = { 0, 0, 0, 0 };
     size_t at[4];
     int i, k;
     sbl__hinge_unknowns(s, h, at);
@@ -23816,12 +23820,12 @@ static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
         height[i] = sqrt(height[i]);
     }
     for (i = 0; i < 2 && length2 > 0 && height[0] + height[1] > 0; i++) {
-        w[i] = height[1 - i] / (height[0] + height[1]);
-        w[2] -= w[i] * (1 - along[i]);
-        w[3] -= w[i] * along[i];
+        weights[i] = height[1 - i] / (height[0] + height[1]);
+        weights[2] -= weights[i] * (1 - along[i]);
+        weights[3] -= weights[i] * along[i];
     }
-    for (i = 0; i < 4; i++) norm += w[i] * w[i];
-    for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
+    for (i = 0; i < 4; i++) norm += weights[i] * weights[i];
+    for (i = 0; i < 4; i++) h->weights[i] = (float)(weights[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
 /* Adds a hinge between a side and the first side with the same ends. If more than two triangles share an edge, the
@@ -23924,12 +23928,12 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
-    double h[3];
-    const int triangle = sbl__vertices_advance(s, &s->next_reading, h);
+    double weights[3];
+    const int triangle = sbl__vertices_advance(s, &s->next_reading, weights);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
     float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);
-    int a, b, k, layer;
+    int corner, other, k, layer;
     s->work.core->stats.sensors.sites++;
     s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
@@ -23941,14 +23945,14 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     sums = sees_back ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
-    for (a = 0; a < 3; a++)
-        for (b = a; b < 3; b++) *sums++ += (float)(weight * h[a] * h[b]);
+    for (corner = 0; corner < 3; corner++)
+        for (other = corner; other < 3; other++) *sums++ += (float)(weight * weights[corner] * weights[other]);
     *sums++ += (float)weight;
-    for (a = 0; a < 3; a++)
-        for (k = 0; k < 3; k++) *sums++ += (float)(weight * h[a] * r->radiance[k]);
+    for (corner = 0; corner < 3; corner++)
+        for (k = 0; k < 3; k++) *sums++ += (float)(weight * weights[corner] * r->radiance[k]);
     for (layer = 0; layer < s->groups; layer++)
-        for (a = 0; a < 3; a++)
-            for (k = 0; k < 3; k++) *layers++ += (float)(weight * h[a] * found[3 * layer + k]);
+        for (corner = 0; corner < 3; corner++)
+            for (k = 0; k < 3; k++) *layers++ += (float)(weight * weights[corner] * found[3 * layer + k]);
     return SBL_SUCCESS;
 }
 
@@ -24302,13 +24306,13 @@ typedef struct sbl__probes {
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__base *base = &g->work.core->base;
-    sbl__free(base, g->layers);
-    sbl__free(base, g->sequence);
-    sbl__free(base, g->sums);
-    sbl__work_free_task(&g->work);
-    memset(g, 0, sizeof *g);
+    sbl__probes *p = (sbl__probes *)work;
+    sbl__base *base = &p->work.core->base;
+    sbl__free(base, p->layers);
+    sbl__free(base, p->sequence);
+    sbl__free(base, p->sums);
+    sbl__work_free_task(&p->work);
+    memset(p, 0, sizeof *p);
 }
 
 /* Evaluates the spherical harmonics of sbl_probe in a unit direction. */
@@ -24348,39 +24352,39 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 }
 
 /* Returns the number that selects the directions of a probe's rays. i: index of the probe in desc.probes */
-static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_t)(g->desc.first_probe + i); }
+static uint32_t sbl__probe_number(const sbl__probes *p, int i) { return (uint32_t)(p->desc.first_probe + i); }
 
-static int sbl__probe_normals(const sbl__probes *g) { return g->latitudes * g->around; }
+static int sbl__probe_normals(const sbl__probes *p) { return p->latitudes * p->around; }
 
 /* Returns the number of sites of one kind per probe. */
-static int sbl__probe_sites(const sbl__probes *g, int kind) {
-    return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
+static int sbl__probe_sites(const sbl__probes *p, int kind) {
+    return kind == SBL__PROBE_RAYS ? p->desc.options.rays : sbl__probe_normals(p) + 6;
 }
 
 /* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
    the direction of a light, so it needs many axes; the odd part is smooth. So the latitudes fill only the half z >
    0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
    number of axes; and every other latitude is rotated by half a step. */
-static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
-    const int row = i / g->around, step = i % g->around, sign = (row + step) & 1 ? -1 : 1;
-    const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / g->around, z = g->latitude[row], r = sqrt(1 - z * z);
+static void sbl__probe_normal(const sbl__probes *p, int i, double out[3]) {
+    const int row = i / p->around, step = i % p->around, sign = (row + step) & 1 ? -1 : 1;
+    const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / p->around, z = p->latitude[row], r = sqrt(1 - z * z);
     out[0] = sign * r * cos(angle);
     out[1] = sign * r * sin(angle);
     out[2] = sign * z;
 }
 
-/* Computes the direction of a probe's site i of kind g->kind: the direction of a ray, or a normal. The normals of the
+/* Computes the direction of a probe's site i of kind p->kind: the direction of a ray, or a normal. The normals of the
    cube's sides come last. number: index of the probe in desc.probes */
-static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
-    const int side = i - sbl__probe_normals(g);
+static void sbl__probe_direction(const sbl__probes *p, int number, int i, double out[3]) {
+    const int side = i - sbl__probe_normals(p);
     double u[2], r;
-    if (g->kind == SBL__PROBE_HEMISPHERES && side < 0) {
-        sbl__probe_normal(g, i, out);
-    } else if (g->kind == SBL__PROBE_HEMISPHERES) {
+    if (p->kind == SBL__PROBE_HEMISPHERES && side < 0) {
+        sbl__probe_normal(p, i, out);
+    } else if (p->kind == SBL__PROBE_HEMISPHERES) {
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__sensor_seed(sbl__probe_number(g, number), g->desc.options.seed), u);
+        sbl__sequence_at(p->sequence, i, sbl__sensor_seed(sbl__probe_number(p, number), p->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -24406,114 +24410,114 @@ static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__m
 }
 
 static sbl_result sbl__probes_begin(void *work, const void *desc) {
-    sbl__probes *g = (sbl__probes *)work;
-    const sbl__geometry *geometry = &g->work.core->scene.geometry;
-    g->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
-    if (sbl__all_zero(g->desc.lowest, 3) && sbl__all_zero(g->desc.highest, 3)) {
-        sbl__to_host(geometry->centre, geometry->bounds[0], g->desc.lowest);
-        sbl__to_host(geometry->centre, geometry->bounds[1], g->desc.highest);
+    sbl__probes *p = (sbl__probes *)work;
+    const sbl__geometry *geometry = &p->work.core->scene.geometry;
+    p->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
+    if (sbl__all_zero(p->desc.lowest, 3) && sbl__all_zero(p->desc.highest, 3)) {
+        sbl__to_host(geometry->centre, geometry->bounds[0], p->desc.lowest);
+        sbl__to_host(geometry->centre, geometry->bounds[1], p->desc.highest);
     }
-    g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
-    g->latitudes = g->lamps_apart ? SBL__PROBE_LATITUDES : SBL__PROBE_VIEW_LATITUDES;
-    g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
-    sbl__gauss_nodes(g->latitudes, g->latitude, g->latitude_weight);
+    p->lamps_apart = p->work.measurement.options.backend == SBL_BACKEND_TRACE;
+    p->latitudes = p->lamps_apart ? SBL__PROBE_LATITUDES : SBL__PROBE_VIEW_LATITUDES;
+    p->around = p->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    sbl__gauss_nodes(p->latitudes, p->latitude, p->latitude_weight);
     return SBL_SUCCESS;
 }
 
 /* Makes the specs of both kinds of sites, and allocates memory for a batch. */
 static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__core *c = g->work.core;
-    sbl__spec *hemispheres = &g->specs[SBL__PROBE_HEMISPHERES], *rays = &g->specs[SBL__PROBE_RAYS];
-    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
-    const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
-    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_DIVISOR, SBL__PROBE_LAMP_LEAST);
-    sbl__measurement measurement = g->work.measurement;
+    sbl__probes *p = (sbl__probes *)work;
+    sbl__core *c = p->work.core;
+    sbl__spec *hemispheres = &p->specs[SBL__PROBE_HEMISPHERES], *rays = &p->specs[SBL__PROBE_RAYS];
+    const int most = SBL__MAX(sbl__probe_sites(p, SBL__PROBE_HEMISPHERES), p->desc.options.rays);
+    const int batch = SBL__MIN(SBL__PROBES_BATCH, p->desc.probe_count);
+    const int lamp_rays = SBL__MAX(p->desc.options.rays / SBL__PROBE_LAMP_DIVISOR, SBL__PROBE_LAMP_LEAST);
+    sbl__measurement measurement = p->work.measurement;
     (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
-    if (g->lamps_apart) {
+    if (p->lamps_apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
     sbl__spec_make(hemispheres, &measurement, &c->scene, &c->desc);
-    if (g->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
+    if (p->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
     hemispheres->looks = SBL__PROBE_LOOKS;
-    measurement = g->work.measurement;
+    measurement = p->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
     sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
     rays->lamp_rays = 0;
     rays->one_ray = 1;
-    hemispheres->groups = rays->groups = g->groups = g->desc.groups ? c->scene.light_groups : 0;
-    g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
-    g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
-    if (!g->sequence || !g->sums) return SBL_ERROR_OUT_OF_MEMORY;
-    if (g->groups) {
+    hemispheres->groups = rays->groups = p->groups = p->desc.groups ? c->scene.light_groups : 0;
+    p->sequence = sbl__sequence_make(&c->base, 1, p->desc.options.rays, 1);
+    p->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *p->sums);
+    if (!p->sequence || !p->sums) return SBL_ERROR_OUT_OF_MEMORY;
+    if (p->groups) {
         const size_t room = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
-        g->layers = (float *)sbl__alloc_raw(&c->base, room, 12 * (size_t)g->groups);
-        if (!g->layers) return SBL_ERROR_OUT_OF_MEMORY;
-        g->work.task.layers = g->layers;
+        p->layers = (float *)sbl__alloc_raw(&c->base, room, 12 * (size_t)p->groups);
+        if (!p->layers) return SBL_ERROR_OUT_OF_MEMORY;
+        p->work.task.layers = p->layers;
     }
-    return sbl__work_make_task(&g->work, (double)most * batch, 1);
+    return sbl__work_make_task(&p->work, (double)most * batch, 1);
 }
 
-/* Begins a job with the sites of kind g->kind, from g->from on. */
-static int sbl__probes_next_job(sbl__probes *g) {
-    g->work.task.spec = g->specs[g->kind];
-    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
+/* Begins a job with the sites of kind p->kind, from p->from on. */
+static int sbl__probes_next_job(sbl__probes *p) {
+    p->work.task.spec = p->specs[p->kind];
+    p->work.task.site_count = SBL__MIN(SBL__WORK_SITES, p->count * sbl__probe_sites(p, p->kind) - p->from);
     return SBL__PROBES_SITES;
 }
 
 /* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
-static int sbl__probes_round(sbl__probes *g) {
-    g->kind = g->lamps_apart && !g->specs[SBL__PROBE_HEMISPHERES].lamp_rays ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
-    g->from = 0;
-    return sbl__probes_next_job(g);
+static int sbl__probes_round(sbl__probes *p) {
+    p->kind = p->lamps_apart && !p->specs[SBL__PROBE_HEMISPHERES].lamp_rays ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
+    p->from = 0;
+    return sbl__probes_next_job(p);
 }
 
-/* Begins a batch with the probes from g->first on, or ends the work if none is left. */
+/* Begins a batch with the probes from p->first on, or ends the work if none is left. */
 static int sbl__probes_batch(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
+    sbl__probes *p = (sbl__probes *)work;
     int i;
-    g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
-    g->round = 0;
-    memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
-    for (i = 0; i < g->count; i++) {
-        g->sums[i].number = g->first + i;
-        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].position);
+    p->taken = p->count = SBL__MIN(SBL__PROBES_BATCH, p->desc.probe_count - p->first);
+    p->round = 0;
+    memset(p->sums, 0, sizeof *p->sums * (size_t)p->count);
+    for (i = 0; i < p->count; i++) {
+        p->sums[i].number = p->first + i;
+        sbl__probe_asked(&p->desc, p->first + i, p->sums[i].position);
     }
-    return g->count ? sbl__probes_round(g) : SBL__PROBES_DONE;
+    return p->count ? sbl__probes_round(p) : SBL__PROBES_DONE;
 }
 
 static sbl_result sbl__probes_site(void *work, int at) {
-    sbl__probes *g = (sbl__probes *)work;
-    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
-    const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
-    sbl__site *site = &g->work.sites[at];
+    sbl__probes *p = (sbl__probes *)work;
+    const int each = sbl__probe_sites(p, p->kind), i = (p->from + at) % each;
+    const sbl__probe_sum *sum = &p->sums[(p->from + at) / each];
+    sbl__site *site = &p->work.sites[at];
     double direction[3];
     int k;
     memset(site, 0, sizeof *site);
-    sbl__probe_direction(g, sum->number, i, direction);
+    sbl__probe_direction(p, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-    sbl__from_host(g->work.core->scene.geometry.centre, sum->position, site->position);
-    site->number = sbl__probe_number(g, sum->number) * (uint32_t)each + (uint32_t)i;
-    site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
+    sbl__from_host(p->work.core->scene.geometry.centre, sum->position, site->position);
+    site->number = sbl__probe_number(p, sum->number) * (uint32_t)each + (uint32_t)i;
+    site->looks = p->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(p) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
 }
 
 /* Returns a layer of reading `at` of the current job. */
-static const float *sbl__probe_found(const sbl__probes *g, int at, int layer) {
-    return layer ? g->layers + 3 * ((size_t)g->groups * (size_t)at + (size_t)layer - 1) : g->work.readings[at].radiance;
+static const float *sbl__probe_found(const sbl__probes *p, int at, int layer) {
+    return layer ? p->layers + 3 * ((size_t)p->groups * (size_t)at + (size_t)layer - 1) : p->work.readings[at].radiance;
 }
 
 /* Adds a layer of the reading of a site to the harmonics: the radiance along a ray, or R at a normal. Also adds a ray's
    radiance to the sides of the cube. site: index of the site among the sites of its probe. d: its direction */
-static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site, const double d[3],
+static void sbl__probe_add(const sbl__probes *p, sbl__probe_light *sum, int site, const double d[3],
                            const float radiance[3]) {
     /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
-    const int rays = g->kind == SBL__PROBE_RAYS;
-    const double fraction = rays ? 1.0 / g->desc.options.rays : g->latitude_weight[site / g->around] / g->around;
+    const int rays = p->kind == SBL__PROBE_RAYS;
+    const double fraction = rays ? 1.0 / p->desc.options.rays : p->latitude_weight[site / p->around] / p->around;
     const double area = 4 * SBL__PI * fraction;
     double y[9];
     int i, k;
@@ -24552,29 +24556,29 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
 }
 
 static sbl_result sbl__probes_take(void *work, int at) {
-    sbl__probes *g = (sbl__probes *)work;
-    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
-    const sbl_reading *r = &g->work.readings[at];
-    sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    sbl__probes *p = (sbl__probes *)work;
+    const int each = sbl__probe_sites(p, p->kind), i = (p->from + at) % each, side = i - sbl__probe_normals(p);
+    const sbl_reading *r = &p->work.readings[at];
+    sbl__probe_sum *sum = &p->sums[(p->from + at) / each];
     double d[3];
     int k, layer;
     sum->invalid |= !r->valid;
-    if (g->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
-        for (layer = 0; layer <= g->groups; layer++)
+    if (p->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
+        for (layer = 0; layer <= p->groups; layer++)
             for (k = 0; k < 3; k++)
-                sum->light[layer].cube[side][k] += (double)sbl__probe_found(g, at, layer)[k];
+                sum->light[layer].cube[side][k] += (double)sbl__probe_found(p, at, layer)[k];
         return SBL_SUCCESS;
     }
-    sbl__probe_direction(g, sum->number, i, d);
-    for (layer = 0; layer <= (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES ? g->groups : -1); layer++)
-        sbl__probe_add(g, &sum->light[layer], i, d, sbl__probe_found(g, at, layer));
-    if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
+    sbl__probe_direction(p, sum->number, i, d);
+    for (layer = 0; layer <= (p->lamps_apart || p->kind == SBL__PROBE_HEMISPHERES ? p->groups : -1); layer++)
+        sbl__probe_add(p, &sum->light[layer], i, d, sbl__probe_found(p, at, layer));
+    if (p->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, p->round == 0 && p->desc.move > 0);
     return SBL_SUCCESS;
 }
 
 /* Makes the probe for the host, with a layer of its light. If a sum is not finite, the probe is invalid and all fields
    but position are 0. */
-static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
+static void sbl__probe_make(const sbl__probes *p, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->light[layer].sh[i][k];
@@ -24584,19 +24588,19 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
     }
-    out->sky = (float)(1 - sum->hits / g->desc.options.rays);
+    out->sky = (float)(1 - sum->hits / p->desc.options.rays);
     out->back_share = sum->hits > 0 ? (float)(sum->back / sum->hits) : 0;
     finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
              sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
     if (!finite) memset(out, 0, sizeof *out);
-    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
+    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * p->desc.options.rays;
     memcpy(out->position, sum->position, sizeof out->position);
 }
 
 /* Moves a probe through the back face nearest to the requested position, among those not tried yet. Returns 0 if none
    is within reach of desc.move. */
-static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
-    const double most = (double)g->desc.move;
+static int sbl__probe_move(const sbl__probes *p, sbl__probe_sum *sum) {
+    const double most = (double)p->desc.move;
     float from[3], *nearest = NULL;
     double distance;
     int i, k;
@@ -24604,7 +24608,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
         if (sum->exits[i][3] > 0 && (!nearest || sum->exits[i][3] < nearest[3])) nearest = sum->exits[i];
     if (!nearest || (double)nearest[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
     distance = SBL__MIN((double)nearest[3] + SBL__PROBE_BEYOND * most, most);
-    sbl__probe_asked(&g->desc, sum->number, from);
+    sbl__probe_asked(&p->desc, sum->number, from);
     for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)nearest[k]);
     nearest[3] = 0;
     return 1;
@@ -24612,50 +24616,50 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
 
 /* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move
    or, if none can, the next batch. A probe that is invalid in every round keeps the result of the first round. */
-static int sbl__probes_close(sbl__probes *g) {
-    sbl_stats *stats = &g->work.core->stats;
+static int sbl__probes_close(sbl__probes *p) {
+    sbl_stats *stats = &p->work.core->stats;
     int i, k, left = 0;
-    stats->sensors.sites += g->count;
-    for (i = 0; i < g->count; i++) {
-        const sbl__probe_sum *sum = &g->sums[i];
+    stats->sensors.sites += p->count;
+    for (i = 0; i < p->count; i++) {
+        const sbl__probe_sum *sum = &p->sums[i];
         sbl__probe_sum next;
         sbl_probe probe;
-        sbl__probe_make(g, sum, 0, &probe);
-        if (probe.valid || g->round == 0) {
-            g->desc.probes[sum->number] = probe;
-            for (k = 0; k < g->groups; k++)
-                sbl__probe_make(g, sum, k + 1, &g->desc.groups[(size_t)g->groups * (size_t)sum->number + (size_t)k]);
+        sbl__probe_make(p, sum, 0, &probe);
+        if (probe.valid || p->round == 0) {
+            p->desc.probes[sum->number] = probe;
+            for (k = 0; k < p->groups; k++)
+                sbl__probe_make(p, sum, k + 1, &p->desc.groups[(size_t)p->groups * (size_t)sum->number + (size_t)k]);
         }
-        if (g->round == 0) stats->sensors.invalid += !probe.valid;
+        if (p->round == 0) stats->sensors.invalid += !probe.valid;
         else stats->sensors.invalid -= probe.valid;
         memset(&next, 0, sizeof next);
         next.number = sum->number;
         memcpy(next.exits, sum->exits, sizeof next.exits);
-        if (!probe.valid && sbl__probe_move(g, &next)) g->sums[left++] = next;
+        if (!probe.valid && sbl__probe_move(p, &next)) p->sums[left++] = next;
     }
-    g->count = left;
-    g->round++;
-    if (left) return sbl__probes_round(g);
-    g->first += g->taken;
-    return sbl__probes_batch(g);
+    p->count = left;
+    p->round++;
+    if (left) return sbl__probes_round(p);
+    p->first += p->taken;
+    return sbl__probes_batch(p);
 }
 
 static int sbl__probes_after_take(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->from += g->work.task.site_count;
-    if (g->from == g->count * sbl__probe_sites(g, g->kind)) {
-        g->from = 0;
-        g->kind++;
+    sbl__probes *p = (sbl__probes *)work;
+    p->from += p->work.task.site_count;
+    if (p->from == p->count * sbl__probe_sites(p, p->kind)) {
+        p->from = 0;
+        p->kind++;
     }
-    return g->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(g) : sbl__probes_close(g);
+    return p->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(p) : sbl__probes_close(p);
 }
 
 static float sbl__probes_progress(const void *work) {
-    const sbl__probes *g = (const sbl__probes *)work;
-    double done = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
-    if (sbl__work_is_done(&g->work)) return 1;
-    done = 0.5 * (done / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
-    return (float)((g->first + (g->round ? 1 : done) * g->taken) / SBL__MAX(1, g->desc.probe_count));
+    const sbl__probes *p = (const sbl__probes *)work;
+    double done = p->from + sbl__work_measured(&p->work, SBL__PROBES_SENSE);
+    if (sbl__work_is_done(&p->work)) return 1;
+    done = 0.5 * (done / SBL__MAX(1, p->count * sbl__probe_sites(p, p->kind)) + p->kind);
+    return (float)((p->first + (p->round ? 1 : done) * p->taken) / SBL__MAX(1, p->desc.probe_count));
 }
 
 static const sbl__stage_row sbl__probes_stages[] = { SBL__PROBES_STAGES(SBL__STAGE_ROW) };
@@ -24706,12 +24710,12 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
-static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
-    const sbl__geometry *g = &k->core->scene.geometry;
-    const sbl__lamps *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
+static int sbl__inspect_lamp(sbl__inspect_request *request, int leaf) {
+    const sbl__geometry *g = &request->core->scene.geometry;
+    const sbl__lamps *l = sbl__scene_lamps(&request->core->scene, request->found->job.task.spec.glows);
     const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
+    sbl_sensor_lamp lamp, *const lamps = request->found->lamps;
     int i;
     memset(&lamp, 0, sizeof lamp);
     lamp.kind = kind == SBL__LAMP_TRIANGLE || kind == SBL__LAMP_GLOW ? SBL_LAMP_TRIANGLE
@@ -24720,14 +24724,14 @@ static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     lamp.mesh = -1;
     if (kind == SBL__LAMP_GLOW) number = l->glows[number].triangle;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
-        number = k->core->scene.hierarchy.order[number];
+        number = request->core->scene.hierarchy.order[number];
         lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
         number -= (uint32_t)g->meshes[lamp.mesh].first_triangle;
     }
     lamp.number = (int)number;
-    for (i = 0; i < k->out.lamp_count; i++)
+    for (i = 0; i < request->out.lamp_count; i++)
         if (lamps[i].kind == lamp.kind && lamps[i].mesh == lamp.mesh && lamps[i].number == lamp.number) return i;
-    lamps[k->out.lamp_count++] = lamp;
+    lamps[request->out.lamp_count++] = lamp;
     return i;
 }
 
@@ -24743,9 +24747,9 @@ static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl_
 /* Runs the program for rays over the hemisphere or, if lamps is 1, for rays towards lamps, for the look of the request,
    with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the second output;
    the caller frees *out, also after an error */
-static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
-    sbl__device *d = &k->core->device;
-    const sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect_run(const sbl__inspect_request *request, int lamps, const int size[2], float **out) {
+    sbl__device *d = &request->core->device;
+    const sbl__job *j = &request->found->job;
     const size_t count = (size_t)size[0] * (size_t)size[1];
     sbl__slots slots;
     sbl__blocks blocks;
@@ -24770,24 +24774,24 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
 
 /* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. The
    outputs are those of trace.glsl for inspections. */
-static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
-    sbl__base *base = &k->core->base;
-    const int rays = k->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
+static sbl_result sbl__inspect_rays(sbl__inspect_request *request) {
+    sbl__base *base = &request->core->base;
+    const int rays = request->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
     float *data = NULL;
-    sbl_result result = sbl__inspect_run(k, 0, size, &data);
+    sbl_result result = sbl__inspect_run(request, 0, size, &data);
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *direction = sum + 4 * (size_t)(size[0] * size[1]);
         const float weight = sum[3];
-        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
+        sbl_sensor_ray *ray = &request->found->rays[request->out.ray_count++];
         ray->lamp = -1;
         ray->distance = direction[3];
         memcpy(ray->direction, direction, sizeof ray->direction);
         for (n = 0; n < 3; n++) ray->radiance[n] = weight > 0 ? sum[n] / weight : 0;
-        if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
-        if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
-        if (k->weights) k->weights[i] = weight;
-        k->out.weight_sum += weight;
+        if (request->radiance) memcpy(request->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
+        if (request->radiance) request->radiance[4 * i + 3] = ray->distance;
+        if (request->weights) request->weights[i] = weight;
+        request->out.weight_sum += weight;
     }
     sbl__free(base, data);
     return result;
@@ -24796,9 +24800,9 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
 /* >>inspect: views */
 
 /* Reads the look's views, which together form the sheet, from the view texture, and computes the weights of texels. */
-static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
-    const sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect_sheet(sbl__inspect_request *request) {
+    sbl__core *c = request->core;
+    const sbl__job *j = &request->found->job;
     const sbl__raster *r = &j->raster;
     const sbl__sheets *sheets = &r->sheets[SBL__LOOK_SITE];
     const sbl__layout *l = &sheets->layout;
@@ -24818,27 +24822,28 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
             const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
             const size_t texel = (size_t)y * (size_t)l->sheet[0] + (size_t)x;
-            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
-            if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
-            if (k->weights) k->weights[texel] = weight[0];
+            for (i = 0; i < 3 && request->radiance; i++)
+                request->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
+            if (request->radiance) request->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
+            if (request->weights) request->weights[texel] = weight[0];
             weights += weight[0];
         }
-    k->out.weight_sum = (float)weights;
+    request->out.weight_sum = (float)weights;
     sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
 
-static void sbl__inspect_views(sbl__inspect_request *k) {
-    const sbl__layout *l = sbl__job_layout(&k->found->job);
-    sbl_sensor *out = &k->out;
+static void sbl__inspect_views(sbl__inspect_request *request) {
+    const sbl__layout *l = sbl__job_layout(&request->found->job);
+    sbl_sensor *out = &request->out;
     int face, i;
     out->view_count = l ? l->view_count : 0;
     for (face = 0; face < out->view_count; face++) {
         sbl_sensor_view *v = &out->views[face];
         double right[3], up[3], forward[3], range[4];
         memcpy(v->rect, l->rects[face], sizeof v->rect);
-        sbl__view_axes(&k->look, face, right, up, forward);
+        sbl__view_axes(&request->look, face, right, up, forward);
         sbl__view_range(l, face, range);
         for (i = 0; i < 3; i++) {
             v->right[i] = (float)right[i];
@@ -24853,14 +24858,14 @@ static void sbl__inspect_views(sbl__inspect_request *k) {
 
 /* Adds the outputs out_light and out_direction of an invocation of lamps.glsl to the result. is_ray: 1: the invocation
    traced a ray; 0: it describes one of the lamps or clusters that the look chose */
-static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *direction, int is_ray) {
-    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)direction[3]) : 0;
-    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+static void sbl__inspect_take(sbl__inspect_request *request, const float *light, const float *direction, int is_ray) {
+    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(request, (int)direction[3]) : 0;
+    sbl_sensor_lamp *l = &request->found->lamps[lamp];
     if (!state) return;
     l->rays += is_ray || state > 1;
     l->open += state == (is_ray ? 1 : 2);
     if (is_ray) {
-        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
+        sbl_sensor_ray *ray = &request->found->rays[request->out.ray_count++];
         ray->lamp = lamp;
         memcpy(ray->direction, direction, sizeof ray->direction);
         memcpy(ray->radiance, light, sizeof ray->radiance);
@@ -24870,9 +24875,9 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
 
 /* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again, and reads each
    ray. */
-static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
-    sbl__device *d = &k->core->device;
-    const sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect_lamps(sbl__inspect_request *request) {
+    sbl__device *d = &request->core->device;
+    const sbl__job *j = &request->found->job;
     const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, invocations = j->aim.invocations;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
@@ -24882,15 +24887,16 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * invocations, invocations, light);
     for (i = 0; i < invocations && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->out.from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
-                                (float)invocations / sbl__job_scale(j);
+            request->out.from_lamps[n] +=
+                light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] / (float)invocations /
+                sbl__job_scale(j);
     sbl__free(d->base, light);
-    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
+    if (result == SBL_SUCCESS) result = sbl__inspect_run(request, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         /* In `data`, the results of rays come before those of lamps; a sensor's entries begin with the lamps. */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
-        sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
+        sbl__inspect_take(request, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
     sbl__free(d->base, data);
     return result;
@@ -24899,17 +24905,17 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 /* >>inspect: the job */
 
 /* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and the size of the sheet. */
-static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
+static sbl_result sbl__inspect_check(sbl__inspect_request *request, int x, int y, const sbl_sensor *sensor,
                                      size_t texel_count) {
-    const sbl__map *m = k->map;
+    const sbl__map *m = request->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
+    sbl__check check = { &request->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
     size_t texels;
     if (!sensor) {
         sbl__mistake(&check, "sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (!finished || m->scene_version != k->core->scene.version) {
+    if (!finished || m->scene_version != request->core->scene.version) {
         check.item = SBL_LOG_ITEM_WRONG_ORDER;
         sbl__mistake(&check, "%s", !finished ? "there is no finished picture; call sbl_render_picture first" :
                      "the scene has changed since the picture was made; call sbl_render_picture again");
@@ -24920,35 +24926,35 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
                      m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
-    sbl__spec_sheet(&m->spec, &k->out.sheet_width, &k->out.sheet_height);
-    texels = (size_t)k->out.sheet_width * (size_t)k->out.sheet_height;
-    if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
+    request->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+    sbl__spec_sheet(&m->spec, &request->out.sheet_width, &request->out.sheet_height);
+    texels = (size_t)request->out.sheet_width * (size_t)request->out.sheet_height;
+    if (!sbl__refine_pixel(&m->refine, (size_t)request->pixel)->id)
         sbl__mistake(&check, "pixel %d %d shows no surface", x, y);
-    else if ((k->radiance || k->weights) && texel_count < texels)
+    else if ((request->radiance || request->weights) && texel_count < texels)
         sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count,
-                     k->out.sheet_width, k->out.sheet_height);
+                     request->out.sheet_width, request->out.sheet_height);
     return sbl__check_end(&check);
 }
 
-/* Fills in the remaining fields of k->out. */
-static void sbl__inspect_finish(sbl__inspect_request *k) {
-    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
-    const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
-    const sbl_reading *r = &k->reading;
-    sbl_sensor *out = &k->out;
+/* Fills in the remaining fields of request->out. */
+static void sbl__inspect_finish(sbl__inspect_request *request) {
+    const sbl__pixel *p = sbl__refine_pixel(&request->map->refine, (size_t)request->pixel);
+    const sbl__sensor *s = sbl__sensor_of(&request->map->refine, p);
+    const sbl_reading *r = &request->reading;
+    sbl_sensor *out = &request->out;
     int i;
-    out->backend = k->map->work.measurement.options.backend;
-    sbl__to_host(k->map->camera.centre, k->site.position, out->site.position);
-    memcpy(out->site.normal, k->site.normal, sizeof out->site.normal);
-    memcpy(out->site.geometric_normal, k->site.geometric_normal, sizeof out->site.geometric_normal);
-    out->site.offset = k->site.offset;
-    if (!sbl__all_zero(k->map->camera.centre, 3))  /* the host's position is rounded more coarsely */
-        out->site.offset = SBL__MAX(k->site.offset, SBL__OFFSET * k->core->scene.geometry.hosts_extent);
-    sbl__to_host(k->map->camera.centre, k->look.position, out->position);
-    memcpy(out->normal, k->look.normal, sizeof out->normal);
+    out->backend = request->map->work.measurement.options.backend;
+    sbl__to_host(request->map->camera.centre, request->site.position, out->site.position);
+    memcpy(out->site.normal, request->site.normal, sizeof out->site.normal);
+    memcpy(out->site.geometric_normal, request->site.geometric_normal, sizeof out->site.geometric_normal);
+    out->site.offset = request->site.offset;
+    if (!sbl__all_zero(request->map->camera.centre, 3))  /* the host's position is rounded more coarsely */
+        out->site.offset = SBL__MAX(request->site.offset, SBL__OFFSET * request->core->scene.geometry.hosts_extent);
+    sbl__to_host(request->map->camera.centre, request->look.position, out->position);
+    memcpy(out->normal, request->look.normal, sizeof out->normal);
     memcpy(out->radiance, s->sensed ? s->radiance : r->radiance, sizeof out->radiance);
-    out->noise = s->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
+    out->noise = s->sensed ? sbl__noise(&request->map->refine, p) : r->noise;
     out->looks = s->sensed ? s->looks : 1;
     for (i = 0; i < 3; i++) out->from_surroundings[i] = SBL__MAX(r->radiance[i] - out->from_lamps[i], 0.0f);
     out->back_share = r->back_share * r->hit_share;
@@ -24957,20 +24963,20 @@ static void sbl__inspect_finish(sbl__inspect_request *k) {
     out->valid = r->valid;
     out->sensed = s->sensed;
     out->level = s->level ? s->level - 1 : 0;
-    sbl__inspect_views(k);
-    out->rays = k->found->rays;
-    out->lamps = k->found->lamps;
+    sbl__inspect_views(request);
+    out->rays = request->found->rays;
+    out->lamps = request->found->lamps;
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot of this look, so that all rounding is the same. For a pixel
    without a sensor, makes the look that a sensor would take first. */
-static sbl_result sbl__inspect(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
-    sbl__inspection *f = k->found;
-    sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect(sbl__inspect_request *request) {
+    sbl__core *c = request->core;
+    sbl__inspection *f = request->found;
+    sbl__job *j = &request->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
-    sbl__refine *r = &k->map->refine;
+    sbl__refine *r = &request->map->refine;
     int lamp_rays;
     sbl_result result = r->spec->guided ? sbl__guides_upload(&c->device, &r->guides) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
@@ -24979,25 +24985,25 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     f->rays = (sbl_sensor_ray *)sbl__alloc(&c->base, (size_t)(task.spec.rays + lamp_rays), sizeof *f->rays);
     f->lamps = (sbl_sensor_lamp *)sbl__alloc(&c->base, (size_t)(SBL__LAMPS + lamp_rays), sizeof *f->lamps);
     if (!f->rays || !f->lamps) return SBL_ERROR_OUT_OF_MEMORY;
-    task.sites = &k->site;
-    task.readings = &k->reading;
-    task.layers = k->layers;
+    task.sites = &request->site;
+    task.readings = &request->reading;
+    task.layers = request->layers;
     task.spec.groups = 0;  /* inspections do not report light groups */
     task.site_count = 1;
-    task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
-    sbl__tiles_look_site(r, k->pixel, 0, 1, &k->site);
-    sbl__look_make(&task.spec, &k->site, 0, &k->look);
+    task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)request->pixel))->look;
+    sbl__tiles_look_site(r, request->pixel, 0, 1, &request->site);
+    sbl__look_make(&task.spec, &request->site, 0, &request->look);
     sbl__job_begin(j, &c->scene, &task);
     do {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->look_kind != SBL__LOOK_SITE) continue;
         /* The look must be read now, because the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
-        result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
-        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
+        result = sbl__job_layout(j) ? sbl__inspect_sheet(request) : sbl__inspect_rays(request);
+        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(request);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     } while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS) sbl__inspect_finish(k);
+    if (result == SBL_SUCCESS) sbl__inspect_finish(request);
     return result;
 }
 
