@@ -3156,12 +3156,11 @@ typedef struct sbl__record {
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
-#define SBL__STRONG 0.2f               /* A surface shines if it has a lobe whose reflectance along the normal exceeds
-                                          this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
-                                          gloss */
+#define SBL__STRONG 0.2f               /* a surface with a lobe counts as metal if the reflectance of the lobe along the
+                                          normal exceeds this, and otherwise as gloss. Rays that hit metal continue in
+                                          the lobe */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
-#define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
-                                          reflect.glsl */
+#define SBL__BLURRED 0.3f              /* lower limit of the roughness of metal where rays hit it, see reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
                                           itself. The height of a lamp is relative to the scene's extent; that of a
@@ -10876,7 +10875,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
-"const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
+"const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal\n",
 "const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
@@ -11004,14 +11003,14 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    float cosine = -dot(s.normal, ray.direction);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
-"    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
+"    bool reflects = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
 "                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
-"    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
+"    through = most > 0.0 && hits < SBL_ASIDE_HITS && !reflects;\n",
 "    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
-"    vec3 weight = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
+"    vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
-"    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
+"    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
 "                 s.material.roughness < SBL_POLISHED;\n",
 "    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);\n",
@@ -13861,17 +13860,18 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
 "// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
-"// them at near hits and where the surface shines (hit_continues: metal, panes, and gloss for a part of the rays).\n",
-"// cast.glsl traces them only where sbl_is_strong is true, for example on metal.\n",
+"// them at near hits and where hit_continues is true (at metal and panes, and for some rays at gloss). cast.glsl\n",
+"// traces them only where sbl_is_strong is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
-"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
-"// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
-"// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
+"// A surface that reflects a ray in its lobe gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is\n",
+"// gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as\n",
+"// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
+"// The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have\n",
+"// another minimum\n",
 "// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
-"bool hit_continues = false;     // true: the surface of the last hit shines\n",
+"bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
 "                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits\n",
 "\n",
@@ -13924,9 +13924,9 @@ static const char *const sbl__glsl_reflect[] = {
 "};\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A narrow lobe reflects a small part of a lamp. A surface that shines therefore tries this many points of the\n",
-"// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,\n",
-"// Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
+"// A narrow lobe reflects a small part of a lamp. Where hit_continues is true, this many points of the lamp are\n",
+"// therefore tried, and one of them is taken with a chance in proportion to the light that would come from it\n",
+"// unblocked (Talbot, Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
 "#ifdef SBL_LOBE\n",
 "const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better\n",
 "#else\n",
@@ -13936,16 +13936,16 @@ static const char *const sbl__glsl_reflect[] = {
 "// Sequences\")\n",
 "const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);\n",
 "\n",
-"// Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.\n",
-"// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
+"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to\n",
+"// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
 "// chance of the point among those that were tried, times its MIS weight.\n",
-"vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
+"vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
 "    sbl_Sample tried = s;\n",
 "    vec3 light = vec3(0);\n",
 "    float all = 0.0;\n",
 "    for (int k = 1; k <= SBL_LAMP_TRIES; k++) {\n",
-"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
-"        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
+"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(hit_lobe, tried.direction) / float(SBL_LAMP_TRIES));\n",
+"        vec3 found = (1.0 - mis) * sbl_lobe_factor(hit_lobe, tried.direction) * tried.light;\n",
 "        float weight = found.r + found.g + found.b;\n",
 "        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect\n",
 "        all += weight;\n",
@@ -13962,8 +13962,9 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the\n",
-"// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
+"// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a\n",
+"// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random\n",
+"// numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -13979,7 +13980,7 @@ static const char *const sbl__glsl_reflect[] = {
 "    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
-"    sbl_Lobe shine;\n",
+"    sbl_Lobe hit_lobe;\n",
 "    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        ivec3 v = sbl_corners(hit.number);\n",
 "        vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);\n",
@@ -13991,10 +13992,10 @@ static const char *const sbl__glsl_reflect[] = {
 "#else\n",
 "        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
 "#endif\n",
-"        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
-"        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);\n",
+"        hit_lobe = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
+"        r.direction = sbl_lobe_sample(hit_lobe, sbl_unit_square(random.xy), r.throughput);\n",
 "        r.throughput *= material.opacity;\n",
-"        r.density = sbl_lobe_density(shine, r.direction) / float(SBL_LAMP_TRIES);\n",
+"        r.density = sbl_lobe_density(hit_lobe, r.direction) / float(SBL_LAMP_TRIES);\n",
 "        if (dot(r.direction, n) <= 0.0) r.throughput = vec3(0);\n",
 "    }\n",
 "#endif\n",
@@ -14009,7 +14010,7 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_SPECULAR\n",
 "    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;\n",
-"        r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);\n",
+"        r.light = sbl_take_point(hit_lobe, l, p.u, pick, s) * (material.opacity * unit / p.chance);\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -14093,8 +14094,8 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if\n",
-"// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
-"// which further rays find; but if the surface shines, it contains the stored light that the diffuse component\n",
+"// the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,\n",
+"// which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component\n",
 "// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of\n",
 "// glows, which lamps.glsl measures for the sensor.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,\n",
@@ -15542,7 +15543,7 @@ typedef struct sbl__bounce_point {
     int measured;      /* 1: `light` and `valid` are set */
     int valid;         /* 1: the reading at the point is valid */
     float light[3];    /* R from lamps, later also from glows */
-    float shine[3];    /* R that metal reflects from lamps and the sky, see cast.glsl */
+    float metal_light[3];  /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
 /* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
@@ -15628,7 +15629,7 @@ typedef struct sbl__bounce {
                                         `scene` has changed, only light is computed again */
     sbl__bounce_point *points;
     float *layers;                   /* with light groups: per point, for each group 3 floats, the part of `light`; then
-                                        for each group 3 floats, the part of `shine` */
+                                        for each group 3 floats, the part of `metal_light` */
     int layer_capacity;              /* capacity of `layers`, in points */
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
@@ -15712,7 +15713,7 @@ typedef struct sbl__bounce {
 
 /* ======================================================================================================== >>cast
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
-   that the rays of points find after they have hit metal (sbl__bounce_point.shine). */
+   that the rays of points find after they have hit metal (sbl__bounce_point.metal_light). */
 
 #define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
@@ -15817,8 +15818,8 @@ static const char *const sbl__glsl_cast[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Writes the light that a ray has found after it hit metal.\n",
-"void sbl_cast_write_metal_light(int ray, vec4 shine) {\n",
-"    sbl_write_ray(out_metal_light, ray, shine);\n",
+"void sbl_cast_write_metal_light(int ray, vec4 light) {\n",
+"    sbl_write_ray(out_metal_light, ray, light);\n",
 "#ifdef SBL_GROUPS\n",
 "    sbl_write_ray(out_last_light, ray, last_light);\n",
 "#endif\n",
@@ -15965,8 +15966,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Makes a hit from the outputs of cast.glsl for one ray. shine: its third output, or NULL in scenes without metal */
-static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *shine,
+/* Makes a hit from the outputs of cast.glsl for one ray. metal: its third output, or NULL in scenes without metal */
+static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *metal,
                            sbl__hit *out) {
     const double low = fabs((double)position[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
@@ -15978,20 +15979,20 @@ static void sbl__cast_take(const sbl__cast *ray, const float position[4], const 
     out->leaf = SBL__NOWHERE;
     out->side = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (position[3] < 0);
     sbl__albedo_pack(albedo, out->albedo);
-    out->by_metal = shine && shine[3] > 0;
+    out->by_metal = metal && metal[3] > 0;
 }
 
-/* Returns the layers of a point's `light` or, if `shine` is 1, of its `shine`: 3 floats per light group. */
-static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
-    return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
+/* Returns the layers of a point's `light` or, if `metal` is 1, of its `metal_light`: 3 floats per light group. */
+static float *sbl__point_layers(const sbl__bounce *b, int point, int metal) {
+    return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)metal);
 }
 
-/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. last_light:
+/* Adds the light that a point's ray finds after it has hit metal to the point's field `metal_light`. last_light:
    out_last_light of cast.glsl; NULL without light groups */
 static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *last_light) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
-    for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
+    for (k = 0; k < 3; k++) point->metal_light[k] += light[k] / SBL__BOUNCE_RAYS;
     if (last_light) {
         float *layers = sbl__point_layers(b, ray / SBL__BOUNCE_RAYS, 1);
         const int last = (int)last_light[3] % SBL__CAST_LAYERS, lamp = (int)last_light[3] / SBL__CAST_LAYERS;
@@ -16247,7 +16248,7 @@ static int sbl__cells_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
     point->measured = point->valid = 0;
-    memset(point->shine, 0, sizeof point->shine);
+    memset(point->metal_light, 0, sizeof point->metal_light);
     if (row) {
         if (!sbl__grow(&b->core->base, &b->layers, &b->layer_capacity, b->point_count, row)) return 0;
         memset(sbl__point_layers(b, b->point_count - 1, 0), 0, row);
@@ -17096,7 +17097,7 @@ static sbl_result sbl__solution_direct(void *work, int at) {
         if (!b->points[i].valid) continue;
         sbl__solution_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
-        for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].shine[k]) / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].metal_light[k]) / (float)state->valid;
     }
     for (k = 0; k < 3; k++) light[k] += all_sky[k];
     if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
@@ -17124,7 +17125,7 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
     sbl__solution_sky(b, point, sky);
     for (k = 0; k < 3; k++)
         light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k] +
-                   b->points[point].shine[k];
+                   b->points[point].metal_light[k];
 }
 
 /* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points' rays read.
@@ -17235,10 +17236,10 @@ static sbl_result sbl__solution_layers_direct(void *work, int at) {
     int i, k;
     memset(direct, 0, sizeof *direct * (size_t)floats);
     for (i = state->first; i < state->first + state->points; i++) {
-        const float *own = sbl__point_layers(b, i, 0), *shine = sbl__point_layers(b, i, 1);
+        const float *own = sbl__point_layers(b, i, 0), *metal = sbl__point_layers(b, i, 1);
         if (!b->points[i].valid) continue;
         sbl__solution_sky(b, i, light);
-        for (k = 0; k < floats; k++) direct[k] += (own[k] + shine[k]) / (float)state->valid;
+        for (k = 0; k < floats; k++) direct[k] += (own[k] + metal[k]) / (float)state->valid;
         for (k = 0; k < 3; k++) direct[sky + k] += light[k] / (float)state->valid;
     }
     if (state->bright != SBL__BRIGHT)
@@ -17570,7 +17571,7 @@ static int sbl__brighter(const void *first, const void *second) {
 }
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->leaf_found. b->leaf_found
-   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
+   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is `metal_light`. */
 static sbl_result sbl__bright_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];

@@ -87,8 +87,8 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 
 #ifdef SBL_BOUNCED
 // Writes the light that a ray has found after it hit metal.
-void sbl_cast_write_metal_light(int ray, vec4 shine) {
-    sbl_write_ray(out_metal_light, ray, shine);
+void sbl_cast_write_metal_light(int ray, vec4 light) {
+    sbl_write_ray(out_metal_light, ray, light);
 #ifdef SBL_GROUPS
     sbl_write_ray(out_last_light, ray, last_light);
 #endif

@@ -66,7 +66,7 @@ uniform bool draws_sample;              // true: the pass draws an anti-aliasing
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
-const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
+const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal
 const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
@@ -194,14 +194,14 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out 
     float cosine = -dot(s.normal, ray.direction);
     vec3 passing = sbl_passing(s.object, s.material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
-    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
+    bool reflects = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
                   hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
-    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
+    through = most > 0.0 && hits < SBL_ASIDE_HITS && !reflects;
     if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
-    vec3 weight = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
+    vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
-    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&
+    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&
                  s.material.roughness < SBL_POLISHED;
     for (int once = 0; once < (blurs ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);

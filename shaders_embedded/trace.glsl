@@ -60,8 +60,8 @@ const int sky_layer = 0;
 
 // Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
 // radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if
-// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,
-// which further rays find; but if the surface shines, it contains the stored light that the diffuse component
+// the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,
+// which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component
 // reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of
 // glows, which lamps.glsl measures for the sensor.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,
