@@ -144,7 +144,7 @@ static const tool_option table[OPTION_COUNT] = {
                       "--supersample smooths them. The map must be baked in one piece: without --part and --join, and "
                       "not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
-                      "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
+                      "with --lightmap: averages measurements at N x N positions in each texel, for shadows finer than "
                       "texels; default 1" },
     [FACET_LIMIT] = { "--facet-limit", "TEXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
                       "with --lightmap: triangles of at most this height in the map use geometric normals; those of "
@@ -808,7 +808,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     memset(&desc, 0, sizeof desc);
     memcpy(desc.grid, options.grid, sizeof desc.grid);
     memcpy(p.grid.count, options.grid, sizeof p.grid.count);
-    bake_grid_place(&p.grid, bounds.lowest, bounds.highest);
+    bake_grid_make_layout(&p.grid, bounds.lowest, bounds.highest);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
     p.all = (sbl_probe *)calloc((size_t)p.count * (1 + (size_t)groups.list.count) + 1, sizeof *p.all);

@@ -2,7 +2,7 @@
    sbl_bake_lightmap.h includes this file after sbl_bake_occlusion.h.
 
    The visibility of a light is R from this light alone, divided by the same R without shadows. Two bakes measure both
-   at the same places of each texel, so that the quotient is also right for spot cones, at horizons and with
+   at the same positions in each texel, so that the quotient is also right for spot cones, at horizons and with
    supersampling. Gutters and seams are computed after the division, from the visibility. If they were computed from R,
    a gutter would weight the visibilities of its neighbours by their brightness, and the seams of only one R would be
    corrected. */

@@ -131,7 +131,7 @@ static void survey__axis(int side, double out[3]) {
 }
 
 /* Returns the index of a grid point along axis k. across: receives the number of grid points along this axis */
-static int survey__place(int point, int k, int *across) {
+static int survey__index(int point, int k, int *across) {
     *across = k == 0 ? SURVEY__X : k == 1 ? SURVEY__Y : SURVEY__Z;
     return k == 0 ? point % SURVEY__X : k == 1 ? point / SURVEY__X % SURVEY__Y : point / (SURVEY__X * SURVEY__Y);
 }
@@ -144,8 +144,8 @@ static void survey__sites(survey__work *w) {
     int i, k, side, across;
     for (i = 0; i < SURVEY__POINTS; i++) {
         for (k = 0; k < 3; k++) {
-            const double place = survey__place(i, k, &across) + 0.5;
-            at[k] = w->points[i].position[k] = (double)s->bounds.lowest[k] + survey__size(s, k) * place / across;
+            const double cell = survey__index(i, k, &across) + 0.5;
+            at[k] = w->points[i].position[k] = (double)s->bounds.lowest[k] + survey__size(s, k) * cell / across;
         }
         for (side = 0; side < SURVEY__AXES; side++) {
             survey__axis(side, axis);
@@ -180,13 +180,13 @@ static void survey__sum(survey__work *w) {
     for (i = 0; i < SURVEY__POINTS; i++) {
         survey__point *p = &w->points[i];
         for (side = 0; side < SURVEY__AXES; side++, r++) {
-            const int place = survey__place(i, side / 2, &across);
+            const int cell = survey__index(i, side / 2, &across);
             const double near = r->hit_share > 0 ? (double)r->hit_min : 2 * survey__radius(w->result);
             p->sky += survey__sky(r) / SURVEY__AXES;
             p->back += survey__back(r) / SURVEY__AXES;
             p->light += survey__light(r) / SURVEY__AXES;
             p->near = side == 0 || near < p->near ? near : p->near;
-            if (place == (side % 2 ? 0 : across - 1))
+            if (cell == (side % 2 ? 0 : across - 1))
                 w->openness[side] += survey__sky(r) * across / SURVEY__POINTS;
         }
     }
@@ -282,10 +282,10 @@ static survey_kind survey__decide(survey__work *w) {
 
 /* ---- choosing the position in a room ---- */
 
-/* Returns 1 if a point is in a room, at half the height of the room at this place. */
+/* Returns 1 if a point is in a room, at half the height that the room has there. */
 static int survey__at_eye_height(const survey__work *w, int point) {
     int low = point, high = point, across;
-    const int y = survey__place(point, 1, &across), lowest = point - y * SURVEY__X;
+    const int y = survey__index(point, 1, &across), lowest = point - y * SURVEY__X;
     if (!survey__in_room(w, &w->points[point])) return 0;
     while (low > lowest && survey__in_room(w, &w->points[low - SURVEY__X])) low -= SURVEY__X;
     while (high < lowest + (across - 1) * SURVEY__X && survey__in_room(w, &w->points[high + SURVEY__X]))
@@ -356,7 +356,7 @@ static void survey__choose_middle(survey__work *w) {
     for (i = 0; i < SURVEY__POINTS; i++) {
         const survey__point *p = &w->points[i];
         const double away = sqrt(pow(p->position[0] - aim[0], 2) + pow(p->position[2] - aim[2], 2));
-        const double height = (survey__place(i, 1, &across) + 0.5) / SURVEY__Y;
+        const double height = (survey__index(i, 1, &across) + 0.5) / SURVEY__Y;
         const double score = (1 - fabs(height - 0.7)) * p->near / (p->near + away + 1e-6 * survey__radius(s));
         if (!survey__in_room(w, p) || score <= best) continue;
         best = score;

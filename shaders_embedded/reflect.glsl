@@ -7,8 +7,7 @@
 // gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as
 // specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
 // The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have
-// another minimum
-// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
+// another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS

@@ -141,17 +141,17 @@ enum { GRID_WIDTH = 12, GRID_HEIGHT = 9 };
 static double values[GRID_WIDTH * GRID_HEIGHT];
 static sbl__rings rings;
 
-static void mean_of_neighbours(void *user, int thing) {
+static void mean_of_neighbours(void *user, int element) {
     double sum = 0, count = 0;
-    size_t place = 0;
+    size_t step = 0;
     int other;
     (void)user;
-    while ((other = sbl__ring_grid(&rings, thing, &place)) >= 0) {
+    while ((other = sbl__ring_grid(&rings, element, &step)) >= 0) {
         if (!sbl__ring_reached(&rings, other)) continue;
         sum += values[other];
         count += 1;
     }
-    values[thing] = sum / count;
+    values[element] = sum / count;
 }
 
 /* Spreads values from the left column over `last` columns, and checks the result. In the left column each value is its
