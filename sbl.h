@@ -496,11 +496,11 @@
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL
    continues the light of each chart into the nearer half of this space.
 
-   A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
+   A texel shows the light of the part of its surface that can be seen. If an object lies on the texel's centre, or if
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
-   sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
+   sees back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and is
    treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
    treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
    faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
@@ -511,7 +511,7 @@
    give this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
-   differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
+   differs by half or more is left as it is, because an object stands between the sides. The triangles on both sides
    must share the edge from end to end. The normals of a seam are those by which its sides are lit. Light therefore
    still jumps between facets that are lit by their true normals (see below) and face different ways.
 
@@ -587,8 +587,8 @@
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
-   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside something, and
-   are left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
+   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside a solid, and are
+   left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
    out. A vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has
    light. A vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes
    of memory and a few microseconds per triangle.
@@ -615,9 +615,9 @@
    0.5 % with 16,384. R of a small lamp is slightly negative on the far side, where the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
-   inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
-   closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore
-   `valid`. back_share is there for tests of your own. The light is correct for the probe's position in any case.
+   inside a solid: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in closed
+   objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore `valid`.
+   back_share is there for tests of your own. The light is correct for the probe's position in any case.
 
    Moving probes out of solids: if `move` is above 0, an invalid probe tries up to eight other positions. They lie
    behind the nearest back face in each octant of directions, an eighth of `move` beyond it, but never farther than
@@ -1139,7 +1139,7 @@ typedef enum sbl_material_flag {
 /* A material has no defaults: all zero is a black, solid, matte surface without emission and textures. ON REFLECTIONS
    explains ior, metallic, roughness and transmission. */
 typedef struct sbl_material {
-    float albedo[3];       /* linear fraction of light that is reflected, 0 to 1 each */
+    float albedo[3];       /* fraction of light that is reflected, 0 to 1 each; linear, not sRGB */
     float emission[3];     /* emitted radiance, 0 to 1e37 */
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
@@ -1687,7 +1687,7 @@ typedef struct sbl_probe {
                                   the cosine to that middle; 0 if no surface is seen there */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
     float back_share;          /* fraction of the directions with surfaces in which back faces are seen */
-    int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
+    int valid;                 /* 0: the probe is inside a solid, its light overflows, or rays were lost */
 } sbl_probe;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1807,7 +1807,8 @@ typedef struct sbl_sensor {
     float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1, except for a single view, and about 1 if the rays
                                  are guided or go to mirrored lamps */
-    float back_share;         /* fraction of the whole weight that sees back faces, unlike in sbl_reading */
+    float back_share;         /* fraction of the whole weight that sees back faces (in sbl_reading, it is a fraction of
+                                 hit_share) */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 1: the pixel's light is from its sensor or from the store; 0: the pixel was
@@ -1869,12 +1870,13 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
    warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
    another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
    it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
-   file that it did not write. Loading drops work under way, even if it fails. put, get: called for some bytes at a
-   time; they return the number of bytes written or read; a number other than `bytes` is an error. user: passed to them.
-   The format has a version and a checksum. Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are
-   damaged, or of another version, byte order or scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED
-   (load: larger than the driver's tables), OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that
-   it had. Loading drops unfinished work. */
+   file that it did not write. The format has a version and a checksum. Loading drops work under way, even if it fails.
+   After a failed load the scene keeps the stored light that it had.
+   put, get: called for some bytes at a time; they return the number of bytes written or read; a number other than
+   `bytes` is an error. user: passed to put or get.
+   Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
+   scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables),
+   OUT_OF_MEMORY, GL. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
