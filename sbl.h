@@ -4162,7 +4162,8 @@ typedef struct sbl__stage_row {
 /* The progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
-    int at;     /* loop: index of the next iteration; piece: a counter for its own use. Each stage begins with 0 */
+    int at;     /* index of the next iteration of a loop, or a counter that another stage uses as it likes. A stage
+                   begins with 0 */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many iterations of its loop as the slice allows. Returns SBL_SUCCESS if
@@ -9585,10 +9586,10 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
                                 counted */
 
 /* Ends the check of a list. Later messages name the descriptor, `where`, again. If `wrong`, the number of wrong
-   elements, exceeds SBL__SITES_NAMED, reports the number of the rest. things: plural of an element's name */
-static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
+   elements, exceeds SBL__SITES_NAMED, reports the number of the rest. plural: plural of an element's name */
+static void sbl__check_rest(sbl__check *check, const char *where, const char *plural, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
-    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
+    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, plural);
 }
 
 /* Returns 1 if the site is valid. Otherwise returns 0, and reports the mistakes if `named` is 1. */
@@ -12735,7 +12736,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
 "                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
 "                             // the other\n",
-"bool rounded = false;        // true: some of the considered lamps are not triangles\n",
+"bool any_round = false;      // true: some of the considered lamps are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light\n",
 "#ifdef SBL_GROUPS\n",
 "vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1\n",
@@ -12809,7 +12810,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_expected(l);\n",
 "        strength = light.r + light.g + light.b;\n",
-"        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
+"        any_round = any_round || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
 "        if (!point && sbl_has_closed_form(l)) {\n",
 "            whole += outerProduct(light, l.facing);\n",
@@ -13127,7 +13128,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    float enough = SBL_SPARSE * float(invocations) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
 "    // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.\n",
-"    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
+"    int passes = sbl_pass_count(), rims = any_round ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);\n",

@@ -131,7 +131,7 @@ mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of 
                              // have a closed form (see sbl_has_closed_form), except the `certain` point lights.
                              // Each facing has its own ratio seen / open, because one side of a closed mesh hides
                              // the other
-bool rounded = false;        // true: some of the considered lamps are not triangles
+bool any_round = false;      // true: some of the considered lamps are not triangles
 mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light
 #ifdef SBL_GROUPS
 vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1
@@ -205,7 +205,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         sbl_Lamp l = sbl_lamp(leaf);
         vec3 light = sbl_expected(l);
         strength = light.r + light.g + light.b;
-        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
+        any_round = any_round || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
         if (!point && sbl_has_closed_form(l)) {
             whole += outerProduct(light, l.facing);
@@ -523,7 +523,7 @@ void main() {
     float enough = SBL_SPARSE * float(invocations) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
     // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.
-    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
+    int passes = sbl_pass_count(), rims = any_round ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);
