@@ -81,7 +81,7 @@ const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden 
 // at a point closer to the middle of the triangle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float rotation = sbl_look_rotation(look);
-    mat3 frame = sbl_frame(n);
+    mat3 frame = sbl_frame(sensor_normal);
     vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];
     vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];
     vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
@@ -90,11 +90,11 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
     for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {
         vec2 side = vec2(dot(point, side_x), dot(point, side_y));
-        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
+        bool top = max(abs(side.x), abs(side.y)) <= dot(point, sensor_normal) * tangent;
         int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
         if (!top && view_count == 1) return true;
-        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
-        vec3 up = top ? side_y : n;
+        vec3 forward = top ? sensor_normal : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
+        vec3 up = top ? side_y : sensor_normal;
         vec4 rect = view_rects[face];
         vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;
         vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
@@ -167,7 +167,7 @@ vec3 sbl_expected(sbl_Lamp l) {
 // cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
-    float length2 = dot(w, w), cosine = dot(direction, n);
+    float length2 = dot(w, w), cosine = dot(direction, sensor_normal);
     return cosine > 0.0 ? max(w.z, 0.0) * abs(determinant(to_frame)) / (length2 * length2 * cosine) : 0.0;
 }
 #endif
@@ -191,7 +191,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     full = false;
     if (!single) {
         sbl_Cluster c = sbl_cluster(i);
-        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;
+        if (dot(sensor_normal, c.to) + c.radius <= 0.0) next = c.beyond;
         else if (c.beyond == i + 1) {
             single = true;
             leaf = int(sbl_lamp_node_first_leaf(i));
@@ -307,7 +307,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     vec3 either = light + unhindered;
     if (!(either.r + either.g + either.b > 0.0)) return;
     if (directional)
-        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
+        to_harmonics = sbl_harmonics(s.direction, sensor_normal,
+                                     1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);
         open += outerProduct(unhindered, l.facing);
@@ -498,13 +499,13 @@ void main() {
     look = slot - first_slot;
     if (look < 0 || look >= count) sbl_leave;
 #endif
-    n = sbl_look_normal(look);
+    sensor_normal = sbl_look_normal(look);
     ray_origin = sbl_look_position(look);
     above = sbl_look_offset(look);
-    position = ray_origin - above * n;
-    to_frame = transpose(sbl_frame(n));
+    position = ray_origin - above * sensor_normal;
+    to_frame = transpose(sbl_frame(sensor_normal));
 #ifdef SBL_LOBE
-    sbl_lobe_begin(look, n);
+    sbl_lobe_begin(look, sensor_normal);
     to_frame = sbl_lobe_to_cosine(look);
 #endif
     uint hash = sbl_look_lamp_scramble(look);
@@ -562,7 +563,7 @@ void main() {
                            (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;
                 s.distance = length(to_sample);
                 s.direction = to_sample / s.distance;
-                s.light = vec3(dot(to_sample, n));
+                s.light = vec3(dot(to_sample, sensor_normal));
             }
             reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
             sbl_shoot(slot, p, l, s, at_rim, point);

@@ -111,11 +111,11 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     uvec4 random = uvec4(hash, 0, 0, 0);
     for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
-    n = bounce.normal;
+    sensor_normal = bounce.normal;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
-    ray_origin = position + above * n;
-    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,
+    ray_origin = position + above * sensor_normal;
+    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), 0, bounce.direction,
                                       bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
     sbl_Lobe hit_lobe;
@@ -124,7 +124,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
         vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                       b.z * sbl_attributes_normal(v.z);
-        normal = sbl_shading_normal(normal, n, n, direction);
+        normal = sbl_shading_normal(normal, sensor_normal, sensor_normal, direction);
 #ifdef SBL_LOBE
         float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
 #else
@@ -134,7 +134,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         r.direction = sbl_lobe_sample(hit_lobe, sbl_unit_square(random.xy), r.throughput);
         r.throughput *= material.opacity;
         r.density = sbl_lobe_density(hit_lobe, r.direction) / float(SBL_LAMP_TRIES);
-        if (dot(r.direction, n) <= 0.0) r.throughput = vec3(0);
+        if (dot(r.direction, sensor_normal) <= 0.0) r.throughput = vec3(0);
     }
 #endif
     if (lamp_leaves == 0) return r;
@@ -155,7 +155,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
 #endif
     bool bounded = s.distance < SBL_UNBOUNDED;
-    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;
+    vec3 to = bounded ? s.distance * s.direction - above * sensor_normal : s.direction;
     r.to_lamp = normalize(to);
     float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
     bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is
