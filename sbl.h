@@ -499,7 +499,7 @@
    A texel shows the light of the part of its surface that can be seen. If an object lies on the texel's centre, or if
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
-   of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
+   of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a texel that
    sees back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and is
    treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
    treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
@@ -596,7 +596,7 @@
 
    ON PROBES
 
-   A probe is the light at a point in the air, from all directions. It lights things that move through a baked scene.
+   A probe is the light at a point in the air, from all directions. It lights objects that move through a baked scene.
    Give positions, or a grid of probes at the centres of equal boxes that fill the bounds of the scene:
 
        static sbl_probe probes[8 * 4 * 8];
@@ -1129,7 +1129,7 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back does not emit */
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
-    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving things, only in SBL_MODE_GI: pictures and lightmaps place
+    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving objects, only in SBL_MODE_GI: pictures and lightmaps place
                                           no sensors on the surface and show the stored light, smoothed */
     SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the fraction of the surface that exists. The rest of the light passes
                                           straight through */
@@ -2166,7 +2166,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    job          sbl__job          >>job                 the measurement of a list of sites
    spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
    uncertainty                                          a standard error; its square is a variance
-   probe        sbl__probe        >>probes              light at a point in the air, for things that move
+   probe        sbl__probe        >>probes              light at a point in the air, for objects that move
    front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
 
 
@@ -7091,12 +7091,12 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two things that are too bright for
-   random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow). Directional
-   lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of
-   distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps
-   (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then
-   the glows.
+   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two kinds of sources that are too
+   bright for random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow).
+   Directional lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and
+   one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of
+   lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the
+   lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
@@ -17812,8 +17812,8 @@ static int sbl__uncertainty_after_propagate(void *work) {
    error that this causes in the light of one ray of a point, as a squared luminance, if the light within the cell has a
    relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the rays of a
    point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
-   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for short rays, which
-   do not read this cell, and for bright leaves, which rays skip. */
+   covers. It falls with the distance, because seen from a distance, all parts have the same weight. It is 0 for short
+   rays, which do not read this cell, and for bright leaves, which rays skip. */
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
