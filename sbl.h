@@ -2359,34 +2359,34 @@ static void sbl__free(sbl__base *base, void *pointer) {
 }
 
 /* Enlarges an array if it has room for fewer than `needed` elements of `size` bytes. array: address of the pointer to
-   the array; *room: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
+   the array; *capacity: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
    appending takes constant time on average. Returns 1; or 0, with nothing changed, if memory is exhausted. */
-static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
+static int sbl__grow(sbl__base *base, void *array, int *capacity, int needed, size_t size) {
     void *old, *grown;
     int more;
-    if (needed <= *room) return 1;
-    more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
+    if (needed <= *capacity) return 1;
+    more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *capacity * 2 + 1024);
     memcpy(&old, array, sizeof old);
     grown = sbl__alloc_raw(base, (size_t)more, size);
     if (!grown) return 0;
-    if (*room) memcpy(grown, old, (size_t)*room * size);
+    if (*capacity) memcpy(grown, old, (size_t)*capacity * size);
     sbl__free(base, old);
     memcpy(array, &grown, sizeof grown);
-    *room = more;
+    *capacity = more;
     return 1;
 }
 
 /* Reduces the capacity of an array to `count` elements. Parameters and result: see sbl__grow. */
-static int sbl__trim(sbl__base *base, void *array, int *room, int count, size_t size) {
+static int sbl__trim(sbl__base *base, void *array, int *capacity, int count, size_t size) {
     void *old, *kept;
-    if (*room <= count) return 1;
+    if (*capacity <= count) return 1;
     memcpy(&old, array, sizeof old);
     kept = sbl__alloc_raw(base, (size_t)count, size);
     if (!kept) return 0;
     memcpy(kept, old, (size_t)count * size);
     sbl__free(base, old);
     memcpy(array, &kept, sizeof kept);
-    *room = count;
+    *capacity = count;
     return 1;
 }
 
@@ -2593,7 +2593,7 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GenSamplers, (int count, unsigned *names)) \
     X(void, GenTextures, (int count, unsigned *names)) \
     X(void, GenVertexArrays, (int count, unsigned *names)) \
-    X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
+    X(void, GetActiveUniform, (unsigned program, unsigned index, int capacity, int *length, int *size, unsigned *type, \
       char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
@@ -2601,9 +2601,9 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GetDoublev, (unsigned name, double *out)) \
     X(unsigned, GetError, (void)) \
     X(void, GetIntegerv, (unsigned name, int *out)) \
-    X(void, GetProgramInfoLog, (unsigned program, int room, int *length, char *text)) \
+    X(void, GetProgramInfoLog, (unsigned program, int capacity, int *length, char *text)) \
     X(void, GetProgramiv, (unsigned program, unsigned name, int *out)) \
-    X(void, GetShaderInfoLog, (unsigned shader, int room, int *length, char *text)) \
+    X(void, GetShaderInfoLog, (unsigned shader, int capacity, int *length, char *text)) \
     X(void, GetShaderiv, (unsigned shader, unsigned name, int *out)) \
     X(const unsigned char *, GetString, (unsigned name)) \
     X(const unsigned char *, GetStringi, (unsigned name, unsigned index)) \
@@ -3476,22 +3476,22 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
    a program anew for each combination of buffers whose sizes are powers of two, or have only zeros in bits 8 to 15. No
    size that this function returns has either property, so that scenes of any size share the compiled programs. */
 static size_t sbl__buffer_capacity(size_t bytes) {
-    size_t room = SBL__MAX(bytes, 272);
-    while (!(room >> 8 & 255) || !(room & (room - 1))) room += 16;
-    return room;
+    size_t capacity = SBL__MAX(bytes, 272);
+    while (!(capacity >> 8 & 255) || !(capacity & (capacity - 1))) capacity += 16;
+    return capacity;
 }
 
 /* Gives a buffer this size and content (NULL: undefined). Deletes it on failure. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
-    const size_t room = sbl__buffer_capacity(bytes);
+    const size_t capacity = sbl__buffer_capacity(bytes);
     sbl_result result;
     if (bytes > b->bytes && !sbl__budget_allows(d->base, (double)(bytes - b->bytes))) return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
-    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)room, bytes == room ? data : NULL, usage);
-    if (data && bytes && bytes < room) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)capacity, bytes == capacity ? data : NULL, usage);
+    if (data && bytes && bytes < capacity) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
     result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS) { sbl__buffer_delete(d, b); return result; }
     sbl__gpu_account(d->base, b->bytes, bytes);
@@ -3505,13 +3505,14 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* Writes the data of a batch to a buffer. room: size of the largest batch in bytes. The buffer always has this size, so
-   that the memory in use does not depend on the pace. A batch larger than room / 8 gets new storage: the driver then
-   need not wait for draws that read the former batch. For smaller batches, new storage costs more than the wait. */
-static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
+/* Writes the data of a batch to a buffer. capacity: size of the largest batch in bytes. The buffer always has this
+   size, so that the memory in use does not depend on the pace. A batch larger than capacity / 8 gets new storage: the
+   driver then need not wait for draws that read the former batch. For smaller batches, new storage costs more than the
+   wait. */
+static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t capacity, const void *data,
                                      size_t bytes) {
-    const int stays = b->id && b->bytes == room && bytes <= room / 8;
-    const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
+    const int stays = b->id && b->bytes == capacity && bytes <= capacity / 8;
+    const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, capacity, NULL, SBL__GL_STREAM_DRAW);
     if (result != SBL_SUCCESS) return result;
     sbl__buffer_write(d, b, 0, bytes, data);
     return sbl__gl_check(&d->gl);
@@ -6736,7 +6737,8 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
 /* >>bvh: stages */
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
-    const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
+    const size_t capacity = (size_t)SBL__MAX(1, g->triangle_count);
+    const size_t nodes = capacity + capacity / SBL__BVH_GRID_LEAST + 2;
     sbl__bvh_building *b = (sbl__bvh_building *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
@@ -6747,8 +6749,8 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->cost = h->seconds = 0;
     b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
     sbl__free(d->base, h->order);
-    h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
-    b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
+    h->order = (uint32_t *)sbl__alloc_raw(d->base, capacity, 4);
+    b->boxes = (sbl__box *)sbl__alloc_raw(d->base, capacity, sizeof *b->boxes);
     b->costs = (sbl__bvh_node_cost *)sbl__alloc(d->base, nodes, sizeof *b->costs);
     b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
     return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -7204,7 +7206,7 @@ typedef struct sbl__lamp_trees {  /* the lamp trees while they are built */
     const sbl__environment *environment;
     struct sbl__lamps *lamps;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
-    int count, room;
+    int count, capacity;
     sbl__hash_table by_corners;  /* lamps that are triangles, by the positions of their corners */
     double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
     int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
@@ -7414,7 +7416,8 @@ static sbl_result sbl__lamp_trees_add(void *work, int at) {
     else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
     if (!(lamp.power > 0)) return SBL_SUCCESS;
-    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(l->device->base, &l->list, &l->capacity, l->count + 1, sizeof *l->list))
+        return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = lamp;
     return SBL_SUCCESS;
 }
@@ -8991,7 +8994,7 @@ typedef struct sbl__glowing {
     sbl__stages stages;
     sbl__device *device;
     sbl__scene *scene;
-    int room;                        /* capacity of scene->bright.glows, in elements */
+    int capacity;                        /* capacity of scene->bright.glows, in elements */
     uint32_t index, patch;           /* current triangle's index in the hierarchy's order; patch word of its side */
     const sbl__bright_cell *cell;    /* the current cell */
     double area;                     /* glows of smaller area are dropped; in square world units */
@@ -9056,7 +9059,7 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
         }
         sbl__cross(u, v, across);
         if (0.5 * sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]) < w->area) continue;
-        if (!sbl__grow(w->device->base, &l->glows, &w->room, l->glow_count + 1, sizeof *l->glows))
+        if (!sbl__grow(w->device->base, &l->glows, &w->capacity, l->glow_count + 1, sizeof *l->glows))
             return SBL_ERROR_OUT_OF_MEMORY;
         glow = &l->glows[l->glow_count++];
         memset(glow, 0, sizeof *glow);
@@ -9197,8 +9200,8 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lamps.leaves -
                           (double)sizeof(sbl__light_record) / 16 * s->lamps.light_count;
     const double each = 9 + (double)sizeof(sbl__glow) / 16 + s->light_groups;
-    const double room = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
-    const int most = (int)SBL__MAX(SBL__MIN(room, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
+    const double capacity = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
+    const int most = (int)SBL__MAX(SBL__MIN(capacity, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
     double least = DBL_MAX;
     int i, kept;
     (void)slice;
@@ -10773,7 +10776,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__geometry *g = &scene->geometry;
     const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), at = s->stages.at;
     const int band[4] = { 0, s->row, s->visibility.width, SBL__MIN(most, s->visibility.height - s->row) };
-    double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
+    double allowed = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
     int end = at, i, k;
     sbl_result result;
@@ -10790,7 +10793,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
             rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
         rows[i][3] = clip[12 + i];
     }
-    for (; end < g->triangle_count && pixels < room; end++)
+    for (; end < g->triangle_count && pixels < allowed; end++)
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
@@ -11938,11 +11941,12 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the
+/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; capacity: capacity of the
    table, in structs */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
-                                  int room) {
-    const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
+                                  int capacity) {
+    const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)capacity, looks,
+                                                 bytes * (size_t)count);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
@@ -13555,7 +13559,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
                                    const sbl__batch *b) {
     const sbl__layout *l = &sheets->layout;
     const size_t count = (size_t)b->count * (size_t)l->view_count;
-    const size_t room = (size_t)sheets->slots.count * (size_t)l->view_count;
+    const size_t capacity = (size_t)sheets->slots.count * (size_t)l->view_count;
     sbl__view *views = (sbl__view *)sbl__alloc_raw(d->base, count, sizeof *views);
     sbl_result result;
     int i, face, corner[2];
@@ -13565,7 +13569,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
             sbl__raster_corner(sheets, b->slot + i, corner);
             sbl__view_make(l, &b->looks[i], face, corner, sheets->area + 2, &views[i * l->view_count + face]);
         }
-    result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
+    result = sbl__buffer_stream(d, &r->views, capacity * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
     return result;
 }
@@ -14858,7 +14862,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    int room = 0, kind;
+    int capacity = 0, kind;
     sbl_result result;
     (void)slice;
     j->device->gl.doing = "making the sensors' textures";
@@ -14867,12 +14871,12 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
     if (result == SBL_SUCCESS) result = sbl__aim_setup(d, &j->aim, spec, sbl__job_slots(j), &j->scene->hierarchy);
     if (result != SBL_SUCCESS) return result;
-    for (kind = 0; kind < SBL__LOOK_KINDS; kind++) room = SBL__MAX(room, sbl__look_slots(j, kind)->count);
+    for (kind = 0; kind < SBL__LOOK_KINDS; kind++) capacity = SBL__MAX(capacity, sbl__look_slots(j, kind)->count);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->lobes);
     j->lobes = NULL;
-    j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
-    if (spec->lobe) j->lobes = (sbl__lobe *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->lobes);
+    j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)capacity, sizeof *j->looks);
+    if (spec->lobe) j->lobes = (sbl__lobe *)sbl__alloc_raw(d->base, (size_t)capacity, sizeof *j->lobes);
     memset(&j->paces, 0, sizeof j->paces);
     return j->looks && (j->lobes || !spec->lobe) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -15074,17 +15078,17 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
 /* Sends the looks of a batch and their lobes to the tables that shaders read. */
 static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     const sbl__device *d = j->device;
-    const int room = b->slots->count;
-    const sbl_result result = sbl__looks_send(d, &j->table, b->looks, sizeof *b->looks, b->count, room);
+    const int capacity = b->slots->count;
+    const sbl_result result = sbl__looks_send(d, &j->table, b->looks, sizeof *b->looks, b->count, capacity);
     if (result != SBL_SUCCESS || !b->lobes) return result;
-    return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
+    return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, capacity);
 }
 
-/* Draws a batch of about `room` looks: at least one, and at most as many as spec.batch, the slots and the round allow.
-   If rays are traced, rounds `room` to whole lots (see sbl__device.lot). If views are drawn and `room` is less than the
-   batch, draws only a part of the scene's triangles, and the next call continues with the same batch. units: receives
-   the work done, in looks */
-static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
+/* Draws a batch of about `allowed` looks: at least one, and at most as many as spec.batch, the slots and the round
+   allow. If rays are traced, rounds `allowed` to whole lots (see sbl__device.lot). If views are drawn and `allowed` is
+   less than the batch, draws only a part of the scene's triangles, and the next call continues with the same batch.
+   units: receives the work done, in looks */
+static sbl_result sbl__job_submit(sbl__job *j, double allowed, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
@@ -15092,9 +15096,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__batch b;
     int i, end = all;
     sbl_result result;
-    if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
+    if (spec->traced) allowed = sbl__whole_lots(d, allowed, blocks[0] * blocks[1]);
     if (!j->batch) {
-        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->task.spec.batch);
+        j->batch = (int)SBL__MIN(SBL__MAX(allowed, 1.0), (double)j->task.spec.batch);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
         for (i = 0; i < j->batch; i++) sbl__job_next_look(j, slot + i);
@@ -15106,7 +15110,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
         if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, one_ray, 1);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
-        if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
+        if (allowed < j->batch)
+            end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * allowed / j->batch)), (double)all);
         if (all) *units *= (double)(end - j->triangle) / all;
         result = sbl__raster_draw(d, &j->raster, &j->raster.sheets[j->look_kind], &b, j->triangle, end);
     }
@@ -15128,16 +15133,16 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     const double fit = (slice->end - sbl__now()) / slice->longest;
     const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
     sbl__sheets *sheets = &j->raster.sheets[j->look_kind];
-    double room, units = 0, all = 0;
+    double allowed, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
     if (j->stages.at++ == 0 && !traced)  /* first draws the sky into all slots that looks will fill */
         sbl__raster_clear(d, &j->raster, sheets, j->scene, SBL__MIN(slots, first % slots + left));
-    room = sbl__pace_begin(&j->paces.draw[j->look_kind], slice, SBL__LOOKS_FIRST, 1e-6);
+    allowed = sbl__pace_begin(&j->paces.draw[j->look_kind], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
-        result = sbl__job_submit(j, room, &units);
+        result = sbl__job_submit(j, allowed, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
@@ -15171,8 +15176,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
-    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.invocations), (double)j->task.spec.batch);
-    const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.invocations };
+    const double allowed = SBL__MIN(sbl__whole_lots(d, pace, j->aim.invocations), (double)j->task.spec.batch);
+    const int count = (int)SBL__MIN(allowed, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.invocations };
     sbl__batch b;
     sbl_result result;
     d->gl.doing = "tracing rays towards lamps";
@@ -15229,8 +15234,8 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->paces.reduce[j->look_kind], slice, SBL__LOOKS_FIRST, 1);
-    const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
+    const double allowed = sbl__pace_begin(&j->paces.reduce[j->look_kind], slice, SBL__LOOKS_FIRST, 1);
+    const int most = (int)SBL__MIN(allowed / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
@@ -15538,7 +15543,7 @@ typedef struct sbl__hit {
                           any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
-typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
+typedef struct sbl__hits { sbl__hit *list; int count, capacity; } sbl__hits;
 
 /* A point of a leaf */
 typedef struct sbl__bounce_point {
@@ -16011,8 +16016,8 @@ static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light
 static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                  sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
-    const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
+    const double allowed = sbl__pace_begin(&b->pace, slice, 1024, 64);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(allowed, (double)SBL__CAST_MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t room_made = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
@@ -16021,7 +16026,7 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
     sbl_result result;
     int i, k, lost = 0;
     d->gl.doing = "casting rays between surfaces";
-    if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(d->base, &hits->list, &hits->capacity, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
     rays = (sbl__cast *)sbl__alloc_raw(d->base, room_made, sizeof *rays + 16 * (size_t)outputs);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
@@ -16171,17 +16176,17 @@ static sbl_result sbl__cells_grid(void *work, sbl__slice *slice) {
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
     const double area = 2 * p->area / (SBL__STORE_FILL_AIM * s->max_leaves);
-    int k, room = 1024;
+    int k, capacity = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
     s->unseen_level = p->growth < SBL__BOUNCE_UNSEEN_WIDE ? SBL__LEVELS - 1 : SBL__LEVELS - 2;
     s->length = (float)sqrt(p->growth * area);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-    while (room < 2 * s->max_leaves) room *= 2;
+    while (capacity < 2 * s->max_leaves) capacity *= 2;
     sbl__free(base, s->cells);
-    s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
-    s->cell_capacity = s->cells ? room : 0;
+    s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)capacity, sizeof *s->cells);
+    s->cell_capacity = s->cells ? capacity : 0;
     s->leaf_count = s->cut_count = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -16190,7 +16195,7 @@ static int sbl__cells_triangles(void *work) { return ((sbl__bounce *)work)->geom
 
 /* Adds a hit to a list. Returns 0 if memory is exhausted. */
 static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
-    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
+    if (!sbl__grow(&b->core->base, &to->list, &to->capacity, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
     return 1;
 }
@@ -17475,11 +17480,11 @@ static int sbl__division_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     const double leaves = b->store->leaf_count;
-    double room = SBL__MIN(SBL__DIVIDE_FRACTION * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
+    double budget = SBL__MIN(SBL__DIVIDE_FRACTION * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
     b->divisions++;
     d->exact = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
-    for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
-        room -= d->classes[d->least - 1];
+    for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= budget; d->least--)
+        budget -= d->classes[d->least - 1];
     return SBL__BOUNCE_DIVIDE;
 }
 
@@ -17687,7 +17692,7 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     const double least = SBL__BRIGHT_LEAST * b->found.light;
     sbl__bright_leaf *list = NULL;
     sbl__bright_view *views;
-    int i, count = 0, room = 0, kept;
+    int i, count = 0, capacity = 0, kept;
     (void)slice;
     sbl__free(&b->core->base, s->bright);
     s->bright = NULL;
@@ -17695,7 +17700,7 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     for (i = 0; i < s->leaf_count; i++) {
         const double light = (double)b->leaf_found[i].light, hits = (double)b->leaf_found[i].rays;
         if (!(light * b->found.rays > least * hits) || sbl__bright_for_long(b, i) != i) continue;
-        if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
+        if (!sbl__grow(&b->core->base, &list, &capacity, count + 1, sizeof *list)) {
             sbl__free(&b->core->base, list);
             return SBL_ERROR_OUT_OF_MEMORY;
         }
@@ -20870,11 +20875,11 @@ static const char *const sbl__glsl_tone[] = {
 "const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;\n",
 "\n",
 "vec3 sbl_neutral(vec3 c) {\n",
-"    float least = min(c.r, min(c.g, c.b)), room = 1.0 - SBL_NEUTRAL_KNEE;\n",
+"    float least = min(c.r, min(c.g, c.b)), headroom = 1.0 - SBL_NEUTRAL_KNEE;\n",
 "    c -= least < SBL_NEUTRAL_TOE ? least - least * least / (2.0 * SBL_NEUTRAL_TOE) : 0.5 * SBL_NEUTRAL_TOE;\n",
 "    float peak = max(c.r, max(c.g, c.b));\n",
 "    if (peak <= SBL_NEUTRAL_KNEE) return c;\n",
-"    float shown = 1.0 - room * room / (peak + room - SBL_NEUTRAL_KNEE);\n",
+"    float shown = 1.0 - headroom * headroom / (peak + headroom - SBL_NEUTRAL_KNEE);\n",
 "    return mix(vec3(shown), c * (shown / peak), 1.0 / (SBL_NEUTRAL_FADE * (peak - shown) + 1.0));\n",
 "}\n",
 "\n",
@@ -21592,11 +21597,11 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
 /* Sets the task's spec, and allocates sites and, if `readings` is 1, readings for jobs of at most SBL__WORK_SITES
    sites. count: number of sites of all jobs */
 static sbl_result sbl__work_make_task(sbl__work *w, double count, int readings) {
-    const size_t room = (size_t)SBL__MIN(SBL__WORK_SITES, count);
+    const size_t capacity = (size_t)SBL__MIN(SBL__WORK_SITES, count);
     sbl__base *base = &w->core->base;
     sbl__spec_make(&w->task.spec, &w->measurement, &w->core->scene, &w->core->desc);
-    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, room, sizeof *w->sites);
-    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, room, sizeof *w->readings);
+    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, capacity, sizeof *w->sites);
+    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, capacity, sizeof *w->readings);
     return w->sites && (!readings || w->readings) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -24159,7 +24164,7 @@ static int sbl__vertices_scale_count(void *work) {
 static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
-    const size_t room = (size_t)SBL__MIN((double)s->points, SBL__WORK_SITES), row = (size_t)s->groups;
+    const size_t capacity = (size_t)SBL__MIN((double)s->points, SBL__WORK_SITES), row = (size_t)s->groups;
     sbl_result result;
     (void)slice;
     s->solver.user = s;
@@ -24172,7 +24177,7 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
         return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__work_make_task(&s->work, (double)s->points, 1);
     if (!s->groups || result != SBL_SUCCESS) return result;
-    s->found_layers = (float *)sbl__alloc_raw(base, room, 12 * row);
+    s->found_layers = (float *)sbl__alloc_raw(base, capacity, 12 * row);
     s->layer_sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, 18 * sizeof(float) * row);
     s->work.task.layers = s->found_layers;
     s->work.task.spec.groups = s->groups;
@@ -24459,8 +24464,8 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     p->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *p->sums);
     if (!p->sequence || !p->sums) return SBL_ERROR_OUT_OF_MEMORY;
     if (p->groups) {
-        const size_t room = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
-        p->layers = (float *)sbl__alloc_raw(&c->base, room, 12 * (size_t)p->groups);
+        const size_t capacity = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
+        p->layers = (float *)sbl__alloc_raw(&c->base, capacity, 12 * (size_t)p->groups);
         if (!p->layers) return SBL_ERROR_OUT_OF_MEMORY;
         p->work.task.layers = p->layers;
     }

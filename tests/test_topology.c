@@ -25,14 +25,14 @@ TEST(buffers_of_all_sizes_share_programs) {
     size_t bytes;
     int i;
     for (bytes = 0; bytes < 140000; bytes++) {
-        const size_t room = sbl__buffer_capacity(bytes);
-        CHECK(room >= bytes && room <= bytes + 272 && (room & (room - 1)) && (room >> 8) % 256, "%.0f of %.0f bytes",
-              (double)room, (double)bytes);
+        const size_t capacity = sbl__buffer_capacity(bytes);
+        CHECK(capacity >= bytes && capacity <= bytes + 272 && (capacity & (capacity - 1)) && (capacity >> 8) % 256,
+              "%.0f of %.0f bytes", (double)capacity, (double)bytes);
     }
     for (i = 0; i < 3; i++) {
-        const size_t room = sbl__buffer_capacity(largest[i]);
-        CHECK(room > largest[i] && room <= largest[i] + 272 && (room >> 8) % 256, "%.0f of %.0f bytes", (double)room,
-              (double)largest[i]);
+        const size_t capacity = sbl__buffer_capacity(largest[i]);
+        CHECK(capacity > largest[i] && capacity <= largest[i] + 272 && (capacity >> 8) % 256, "%.0f of %.0f bytes",
+              (double)capacity, (double)largest[i]);
     }
 }
 
