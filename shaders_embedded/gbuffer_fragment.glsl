@@ -233,7 +233,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
     sbl_Leaving next, aside;
     int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;
     bool continues = true;
-    int hits = 0;     // number of surfaces at which the ray `aside` has gone on
+    int hits = 0;     // number of surfaces at which the ray `aside` has continued
     int panes = 0;    // number of panes that the ray `next` has passed
     int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes
     while (mirrors < SBL_MIRRORS && (continues || hits > 0)) {

@@ -24,7 +24,8 @@ SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R 
 SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
 const bool inspected = false;
-SBL_OUT(0, out_light);                // rgb: R by the invocation's rays * scale; a: variance of its luminance
+SBL_OUT(0, out_light);                // rgb: R that the invocation's rays measure * scale; a: variance of its
+                                      // luminance
 SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the invocation's light * scale
 SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the invocation's light * scale
 #ifdef SBL_DIRECTIONAL
@@ -270,7 +271,7 @@ int sbl_pick_entry(inout sbl_Pick p) {
 // `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).
 mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with
                                               // it
-vec3 sure = vec3(0), sampled = vec3(0);       // see above
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
 // Textures and panes multiply the luminance of each ray in `lit` by a factor. By facing: the sum of these factors,

@@ -1,9 +1,10 @@
-// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
-// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
-// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance
-// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation
-// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and
-// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.
+// An invocation traces some of a look's rays over the hemisphere, with a cosine distribution of directions, and
+// sums their light. The outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of
+// the luminance of these rays, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y
+// is not a mean distance but the number of steps of these rays through the hierarchy, divided by `rays`. If
+// `paired` is 0, the invocation traces one ray for an inspection: out_sum.a is its weight divided by `rays`,
+// out_hits.xyz its direction, and out_hits.w its distance, which is negative for a back face, or 0 if the ray hits
+// nothing.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.
