@@ -18410,7 +18410,7 @@ typedef struct sbl__pixel_lobe {
     float view[3];            /* unit vector to the viewer */
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
-    float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
+    float fixed_error;        /* standard error of the luminance of FINAL that this refinement cannot reduce, because
                                  albedo * R and stored light, in the lobe and in panes, cause it */
     float light;              /* luminance of R; 0: the lobe is too narrow for its light to change as R does */
 } sbl__pixel_lobe;
@@ -18549,7 +18549,7 @@ typedef struct sbl__refine {
     double shown_pixels;      /* number of pixels in these two sums */
     double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
     float shown2;             /* see sbl__weigh_shown2 */
-    double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
+    double diffuse_light[3];  /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
     double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
 
     /* the noise of looks, see >>weigh */
@@ -18565,7 +18565,7 @@ typedef struct sbl__refine {
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared standard error that stored light causes in the luminance
                                  of R or, if `albedos` is set, of FINAL. In a refinement of lobes, sum over pixels of
-                                 sbl__pixel_lobe.rest squared */
+                                 sbl__pixel_lobe.fixed_error squared */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
     double stored, own;       /* two parts of `predicted`: stored is caused by uncertainty2; own is caused by the noise
                                  of sensors and by interpolation */
@@ -19933,7 +19933,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given && (!r->lobes || r->weighed); k++)
-        r->mean[k] = (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
+        r->mean[k] = (float)((r->diffuse_light[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
@@ -20610,7 +20610,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* the pixel shows its neighbours' light */
-    const float known = r->lobes ? r->lobes[p - r->pixels].rest : sbl__stored_uncertainty(r, p);
+    const float known = r->lobes ? r->lobes[p - r->pixels].fixed_error : sbl__stored_uncertainty(r, p);
     const double uncertainty = hidden ? 0 : (double)known / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
@@ -22453,14 +22453,15 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     matte = sbl__luminance(from[SBL__READ_ALBEDO]) * SBL__MIN(pixel.error, FLT_MAX);  /* 0 * infinity is NaN */
     stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
     panes = SBL__PANE_ERROR * from[SBL__READ_SPECULAR][3];
-    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
+    own->fixed_error = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
+    pixel.error = own->fixed_error;
     own->light = own->roughness > SBL__LOBE_FORESEEN ? sbl__luminance(from[SBL__READ_RADIANCE]) : 0;
     f->found |= pixel.id != 0;
     if (sbl__refine_counts(&m->refine, index)) {
-        f->refine.uncertainty2 += (double)own->rest * own->rest;
+        f->refine.uncertainty2 += (double)own->fixed_error * own->fixed_error;
         f->refine.matte_pixels += pixel.id == 0;
         for (k = 0; k < 3; k++)
-            f->refine.rest[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
+            f->refine.diffuse_light[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
     }
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
