@@ -196,7 +196,7 @@ static const tool_option table[OPTION_COUNT] = {
                  "convert sh to irradiance; examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-               "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
+               "maximum distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
     [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
                    "bakes the radiance from all directions at points in the air, for reflections. The points are "
                    "given as for --probes. Writes these files into the folder of --output, with NNNN from 0000 on, at "
@@ -435,7 +435,7 @@ static int assign_groups(scene_file *file) {
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
-enum { CUBEMAPS_MAX = 10000 };  /* greatest number of cube maps */
+enum { CUBEMAPS_MAX = 10000 };  /* maximum number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 

@@ -20,7 +20,7 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest frame number; most bytes in a file of --cameras */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* maximum frame number; maximum number of bytes of a file of --cameras */
 
 /* A camera of the file of --cameras. The fields are the values of the options --eye, --look-at, --up and --fov. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
@@ -43,7 +43,7 @@ enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
                         "makes a picture for each camera that FILE lists. FILE is JSON: {\"cameras\": [{\"eye\": " \
                         "[X, Y, Z], \"look_at\": [X, Y, Z], \"up\": [X, Y, Z], \"fov\": DEGREES}, ...]}. If up or " \
                         "fov is missing, --up or --fov applies, or its default. \"camera_to_world\": [16 numbers, " \
-                        "column by column, as in glTF] may take the place of eye, look_at and up. The --output " \
+                        "column by column, as in glTF] may replace eye, look_at and up. The --output " \
                         "needs %d or %04d, which becomes the number of the frame; the first camera is frame 1. All " \
                         "frames use the automatic exposure and the studio light of frame 1", NULL, NULL }, \
     [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \

@@ -53,7 +53,7 @@ typedef struct tool_command {
     int option_count;
     int *given;                 /* one per option; receives 1 if the option is given */
     const char **files;         /* receives the arguments that are not options */
-    int file_count;             /* greatest number of arguments in files */
+    int file_count;             /* maximum number of arguments in files */
 } tool_command;
 
 /* Returns in which column a wrapped line of a text continues: in a list, where the explanation of the item begins,
