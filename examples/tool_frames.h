@@ -20,7 +20,8 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* maximum frame number; maximum number of bytes of a file of --cameras */
+/* maximum frame number; maximum number of bytes of a file of --cameras */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };
 
 /* A camera of the file of --cameras. The fields are the values of the options --eye, --look-at, --up and --fov. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
