@@ -19,12 +19,12 @@ layout(location = 3) out vec4 out_green;
 layout(location = 4) out vec4 out_blue;
 #endif
 #ifdef SBL_GROUPS
-SBL_PART_0(uniform sampler2D blocks_0; uniform sampler2D lights_0; layout(location = 2) out vec4 out_0;)
-SBL_PART_1(uniform sampler2D blocks_1; uniform sampler2D lights_1; layout(location = 3) out vec4 out_1;)
-SBL_PART_2(uniform sampler2D blocks_2; uniform sampler2D lights_2; layout(location = 4) out vec4 out_2;)
-SBL_PART_3(uniform sampler2D blocks_3; uniform sampler2D lights_3; layout(location = 5) out vec4 out_3;)
-SBL_PART_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(location = 6) out vec4 out_4;)
-SBL_PART_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)
+SBL_IF_0(uniform sampler2D blocks_0; uniform sampler2D lights_0; layout(location = 2) out vec4 out_0;)
+SBL_IF_1(uniform sampler2D blocks_1; uniform sampler2D lights_1; layout(location = 3) out vec4 out_1;)
+SBL_IF_2(uniform sampler2D blocks_2; uniform sampler2D lights_2; layout(location = 4) out vec4 out_2;)
+SBL_IF_3(uniform sampler2D blocks_3; uniform sampler2D lights_3; layout(location = 5) out vec4 out_3;)
+SBL_IF_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(location = 6) out vec4 out_4;)
+SBL_IF_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)
 #endif
 
 // Returns the sum, from partial sums and from lamps, of a look's harmonics of one colour, or of some of its
@@ -72,12 +72,12 @@ void main() {
     out_sum = sum;
     out_hits = hits;
 #ifdef SBL_GROUPS
-    SBL_PART_0(out_0 = sbl_sum(blocks_0, corner, lights_0, light_corner);)
-    SBL_PART_1(out_1 = sbl_sum(blocks_1, corner, lights_1, light_corner);)
-    SBL_PART_2(out_2 = sbl_sum(blocks_2, corner, lights_2, light_corner);)
-    SBL_PART_3(out_3 = sbl_sum(blocks_3, corner, lights_3, light_corner);)
-    SBL_PART_4(out_4 = sbl_sum(blocks_4, corner, lights_4, light_corner);)
-    SBL_PART_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)
+    SBL_IF_0(out_0 = sbl_sum(blocks_0, corner, lights_0, light_corner);)
+    SBL_IF_1(out_1 = sbl_sum(blocks_1, corner, lights_1, light_corner);)
+    SBL_IF_2(out_2 = sbl_sum(blocks_2, corner, lights_2, light_corner);)
+    SBL_IF_3(out_3 = sbl_sum(blocks_3, corner, lights_3, light_corner);)
+    SBL_IF_4(out_4 = sbl_sum(blocks_4, corner, lights_4, light_corner);)
+    SBL_IF_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)
 #endif
 #ifdef SBL_DIRECTIONAL
     out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;
