@@ -5807,8 +5807,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
 "    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
-"    vec2 albedos = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
-"    return reflectance * (albedos.x - albedos.y) + albedos.y;\n",
+"    vec2 entry = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
+"    return reflectance * (entry.x - entry.y) + entry.y;\n",
 "}\n",
 "\n",
 "// Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,\n",
@@ -11532,12 +11532,12 @@ static void sbl__lobe_fetch(const uint16_t *table, int count, double across, dou
 /* Gets the directional albedo of a specular lobe, as sbl_specular_albedo does. */
 static void sbl__specular_albedo(const float reflectance[3], double roughness, double cosine, float out[3]) {
     const double alpha = roughness * roughness, u = 1 - cosine;
-    double albedos[2];
+    double entry[2];
     int k;
-    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, albedos);
-    albedos[0] /= (double)SBL__LOBE_UNIT;
-    albedos[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
-    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (albedos[0] - albedos[1]) + albedos[1]);
+    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, entry);
+    entry[0] /= (double)SBL__LOBE_UNIT;
+    entry[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (entry[0] - entry[1]) + entry[1]);
 }
 
 /* Makes the lobe of a site, as shaders read it. */

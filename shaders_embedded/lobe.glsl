@@ -35,8 +35,8 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);
     vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
     vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));
-    vec2 albedos = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
-    return reflectance * (albedos.x - albedos.y) + albedos.y;
+    vec2 entry = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
+    return reflectance * (entry.x - entry.y) + entry.y;
 }
 
 // Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,
