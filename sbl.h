@@ -278,7 +278,7 @@
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a fraction of the mean. A host may read
    both while the picture is under way, and end the picture early. The predictions can rise as well as fall, because the
-   first sensors may have missed bright or dark places. Stop only when they have stayed below your limit for several
+   first sensors may have missed bright or dark areas. Stop only when they have stayed below your limit for several
    steps. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see ON
    REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR is
    the prediction for R in all pictures.
@@ -291,8 +291,8 @@
    whichever is larger, but always to twice the target or less. If the third part exceeds 0.55 of the target, the
    picture may therefore end with SUCCESS and an expected_error above the target.
 
-   If most light comes through windows or from a few other bright places, the picture first traces rays that find these
-   places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
+   If most light comes through windows or from a few other bright areas, the picture first traces rays that find these
+   areas. Sensors then send most of their rays there, which saves half to two thirds of all rays.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 0.75 to 1.2
@@ -330,7 +330,7 @@
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it. There, light from lamps is measured as sensors measure it, and rays find the sky
    and other cells. These rays define a system of linear equations, whose solution contains all bounces. Then cells in
-   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small places that
+   which the light varies much, and which many rays meet, are divided or get further points, up to 32. Small areas that
    are far brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find
    them.
 
@@ -354,7 +354,7 @@
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
-   where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
+   where two small bright areas send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
    windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
    of 1.5 %, and sbl_stats.picture.expected_error says so.
 
@@ -371,86 +371,99 @@
    ON REFLECTIONS
 
    A material with ior or metallic above 0 reflects light as glTF 2.0 describes it in its appendix B, with single
-   scattering. N is the normal, V the direction to the viewer, L to the light, H = normalize(V + L); m is metallic, t
+   scattering. Pictures show these reflections, except in SBL_MODE_PAPER and in scenes with a draw callback, where all
+   materials are matte and solid. Lightmaps, vertices, probes and readings hold R, with the light that surfaces around
+   them reflect.
+
+   Model: N is the normal, V the direction to the viewer, L to the light, H = normalize(V + L); m is metallic, t
    transmission, base the albedo, alpha = roughness^2:
 
        Fd = F0 + (1 - F0) (1 - V.H)^5,        F0 = ((ior - 1) / (ior + 1))^2
        Fm = base + (1 - base) (1 - V.H)^5
        f  = (1 - m) (1 - t) (1 - Fd) base / pi  +  ((1 - m) Fd + m Fm) D Vis
 
-   D is the GGX distribution, Vis the height-correlated term of Smith. The second term of f is the specular lobe. A
-   surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1 - Fd) of the light straight
-   through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light. Pictures show all of this, except
-   in SBL_MODE_PAPER and in scenes with a draw callback, where all materials are matte and solid. At pixel centres
-   (sbl_picture_desc.samples = 1), and except for the light that panes in front of the surface add themselves:
+   D is the GGX distribution, Vis the height-correlated term of Smith. The first term of f is the diffuse component, the
+   second is the specular lobe. A surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1
+   - Fd) of the light straight through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light.
+
+   Channels: at pixel centres (sbl_picture_desc.samples = 1), and except for the light that panes in front of the
+   surface add themselves:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   No channel holds only the emission, or only the light that panes add. ALBEDO is the albedo of the diffuse part for
-   this view. SPECULAR_ALBEDO is the share of uniform light that the lobe reflects to the camera, but at least 0.001, or
-   0 if the surface is matte. SPECULAR is the light that the lobe reflects, divided by SPECULAR_ALBEDO: the mean
-   radiance in the lobe. The error of FINAL is the root mean square, over the centres of the visible pixels, of the
-   error of its luminance, as a share of the mean luminance of FINAL without emission. Sensors measure R until the error
-   of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR
-   until the error of FINAL is within it, too. The error of FINAL has three parts, whose squares add up: radiance_error,
-   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and the error of stored light in
+   ALBEDO is the albedo of the diffuse component for this view. SPECULAR_ALBEDO is the fraction of uniform light that
+   the lobe reflects to the camera, but at least 0.001, or 0 if the surface is matte. SPECULAR is the light that the
+   lobe reflects, divided by SPECULAR_ALBEDO: the mean radiance in the lobe. Where SBL_MATERIAL_NO_SENSORS forbids
+   sensors, the lobe reflects the stored light. No channel holds only the emission, or only the light that panes add.
+
+   Target error: the error of FINAL is the root mean square, over the centres of the visible pixels, of the error of its
+   luminance, as a fraction of the mean luminance of FINAL without emission. Sensors measure R until the error of ALBEDO
+   * RADIANCE, sbl_stats.picture.radiance_error, is within target_error. Then further sensors measure SPECULAR until the
+   error of FINAL is within it, too. The square of the error of FINAL is the sum of three squares: of radiance_error, of
+   sbl_stats.picture.specular_error, which sensors of lobes and interpolation cause, and of the error of stored light in
    lobes and panes. Sensors do not reduce specular_error below 0.84 of the target, so the whole error can be 1.4 times
    the target, and more where panes mirror much light. Near the images of lamps in smooth surfaces, a picture may miss
-   the default target, because of the limit of looks (see ON THE TARGET ERROR). SBL_CHANNEL_ERROR is the predicted error
-   of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, describe the measurement of R.
-   Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   the default target, because of the limit of looks (see ON THE TARGET ERROR).
 
-       lamps      if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
-                  form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and
-                  rays to lamps measure lamps (multiple importance sampling). For point, spot and directional lights, f
-                  itself is evaluated; perfect mirrors do not show them
-       mirrors    a pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is seen
-                  directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. Here, a
-                  mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02; most metals have
-                  such an albedo. All channels belong to the surface that is seen: RADIANCE, SPECULAR, NORMAL, POSITION,
-                  ID and DEPTH (negative if the surface lies behind the camera) unchanged, ALBEDO and SPECULAR_ALBEDO
-                  multiplied by what the mirrors on the way reflect and the panes pass. The picture therefore never
-                  contains SPECULAR of a mirror itself. Where a mirror shows only sky, the channels are those of the
-                  mirror, with ALBEDO and SPECULAR_ALBEDO 0. If a material (without its texture) is such a mirror of a
-                  roughness of 0.05 or more, FINAL has at least 16 anti-aliasing samples per pixel, which blur what
-                  these mirrors show. The same applies to scenes with a pane and metal of a roughness of 0.05 to 0.16.
-                  All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1. The lobes of other
-                  smooth surfaces are measured by rays
-       panes      a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own
-                  diffuse part shows the stored light. The surfaces that a pane mirrors also show their stored light,
-                  with two exceptions: other panes show what is behind them, and metal of a roughness below 0.5 is a
-                  mirror there; if its roughness is 0.05 to 0.16, anti-aliasing samples blur what it mirrors. The
-                  predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide.
-                  No light is stored in SBL_MODE_DIRECT: the diffuse part is then black, and a pane mirrors only lamps
-                  and the sky. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps
-                  find
+   Channels of errors: SBL_CHANNEL_ERROR is the predicted error of FINAL. The channels RADIANCE_ERROR, SENSORS and
+   LOOKS, and sbl_inspect_sensor, describe the measurement of R.
 
-   In mirrors and behind panes, pixels show what sensors see: also surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but
-   none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+   Lamps in lobes: if the roughness is 0.25 or more, the light of an emitting triangle in a lobe is computed in closed
+   form (linearly transformed cosines), and rays correct it. In smoother lobes, both rays of the lobe and rays to lamps
+   measure lamps (multiple importance sampling). For point, spot and directional lights, f itself is evaluated. Perfect
+   mirrors do not show these lights.
 
-   Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
+   Mirrors: here, a mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02. Most metals
+   have such an albedo. A pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is
+   seen directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. The lobes of other
+   smooth surfaces are measured by rays.
+
+   Channels in mirrors: all channels belong to the surface that is seen. RADIANCE, SPECULAR, NORMAL, POSITION, ID and
+   DEPTH (negative if the surface lies behind the camera) are unchanged. ALBEDO and SPECULAR_ALBEDO are multiplied by
+   what the mirrors on the way reflect and the panes pass. The picture therefore never contains SPECULAR of a mirror
+   itself. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and SPECULAR_ALBEDO 0.
+
+   Blurred mirrors: if a material (without its texture) is a mirror of a roughness of 0.05 or more, FINAL has at least
+   16 anti-aliasing samples per pixel, which blur what these mirrors show. The same applies to scenes with a pane and
+   metal of a roughness of 0.05 to 0.16. All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1.
+
+   Panes: a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own diffuse
+   component shows the stored light. The surfaces that a pane mirrors also show their stored light, with two exceptions:
+   other panes show what is behind them, and metal of a roughness below 0.5 is a mirror there, which anti-aliasing
+   samples blur as above. Roughness does not blur what a pane shows. Panes tint the light that rays towards lamps find.
+   The predicted error of FINAL contains 13 % of the stored light that panes show, since its cells are wide. No light is
+   stored in SBL_MODE_DIRECT: the diffuse component is then black, and a pane mirrors only lamps and the sky.
+
+   Hidden surfaces: in mirrors and behind panes, pixels show what sensors see: also surfaces with
+   SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+
+   Normal maps: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
    glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
    if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
    light arrives only from above the surface. A ray that starts below it meets the surface, and finds the light that the
-   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the
-   lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer together, down to
-   one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the texture.
+   surface reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their deviation from this
+   mean widens the lobe. In mirrors, normals are read at one point. Where normals differ, sensors are placed closer
+   together, down to one per pixel. The stored light, lightmaps, vertices, probes and surfaces that rays meet ignore the
+   texture.
 
-   Bounced light: here a surface with a lobe counts as metal if the lobe reflects more than a fifth of the light
-   along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of the lobe
-   there, as if the roughness were at least 0.3, and so does a ray that fills the store, once. Light that lamps send
-   by way of mirrors (caustics) is therefore blurred, but has no specks. Sensors send a part of their rays to lamps
-   that flat surfaces with such lobes mirror. A ray of a sensor that meets gloss of a roughness below 0.5 may continue
-   in a direction of the lobe there, too, as if the roughness were at least 0.15. It always does so at angles at which
-   more than a fifth of the light is reflected, and with a smaller chance at other angles. All other surfaces reflect as
-   diffuse surfaces of the same mean albedo. In views (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
-   Lightmaps, vertices, probes and readings hold R, with the light that surfaces around them reflect.
+   Metal and gloss in bounced light: here, a surface with a lobe counts as metal if the lobe reflects more than a fifth
+   of the light along the normal, and as gloss otherwise. A ray of a sensor that meets metal continues in a direction of
+   the lobe there, as if the roughness were at least 0.3. A ray that fills the store does so only once. A ray of a
+   sensor that meets gloss of a roughness below 0.5 may continue in a direction of the lobe, too, as if the roughness
+   were at least 0.15. It always does so at angles at which more than a fifth of the light is reflected, and with a
+   smaller chance at other angles. All other surfaces reflect as diffuse surfaces of the same mean albedo. In views
+   (SBL_BACKEND_RASTER), all surfaces do so, and panes are opaque.
+
+   Caustics: light that lamps send by way of mirrors is blurred, but has no specks. Sensors send some of their rays to
+   lamps that they may see in flat surfaces with a narrow lobe, such as a polished floor.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 1.5 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 1.8 % of the
-   mean. On a software renderer, the box takes three times as long as with matte materials, mostly because rays that go
-   on from metal take longer, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
-   Rooms with mirrors, panes and a bright bulb can take 30 times as long.
+   mean.
+
+   Cost: on a software renderer, this box takes three times as long as with matte materials, mostly because rays that
+   continue from metal take longer, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times. Rooms with
+   mirrors, panes and a bright bulb can take 30 times as long.
 
    Accuracy of the prediction: in eight random rooms with metal and gloss, the predicted error of FINAL is 0.8 to 1.1
    times the true one, which is measured against pictures with a smaller target and more cells. Against a path tracer,
@@ -483,11 +496,11 @@
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL
    continues the light of each chart into the nearer half of this space.
 
-   A texel shows the light of the part of its surface that can be seen. If something lies on the texel's centre, or if
+   A texel shows the light of the part of its surface that can be seen. If an object lies on the texel's centre, or if
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
-   of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel that
-   sees back faces and has less than a thousandth of the mean light lies inside something, or behind a shell, and is
+   of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a texel that
+   sees back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and is
    treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
    treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
    faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
@@ -498,7 +511,7 @@
    give this side triangles of its own.
 
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
-   differs by half or more is left as it is, because something stands between the sides. The triangles on both sides
+   differs by half or more is left as it is, because an object stands between the sides. The triangles on both sides
    must share the edge from end to end. The normals of a seam are those by which its sides are lit. Light therefore
    still jumps between facets that are lit by their true normals (see below) and face different ways.
 
@@ -507,7 +520,7 @@
    a chart does not tell what the light is at the other.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
-   which measures several places per texel. A value of 2 takes about twice the time.
+   which measures several positions per texel. A value of 2 takes about twice the time.
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
    mouldings they lean far from the true normals, and the light differs much from that of a path tracer that uses true
@@ -515,9 +528,9 @@
    smooth. With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near
    that a texel is larger than a pixel, its facets then show.
 
-   Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
-   Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake fails, and
-   if no mesh has lightmap_texcoords, it does not begin.
+   Overlaps: if charts overlap or leave the map, a warning names the first such texel; SBL_CHANNEL_OVERLAP shows
+   overlaps. Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake
+   fails, and if no mesh has lightmap_texcoords, it does not begin.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. With these four alone, R for a normal m would be
@@ -574,8 +587,8 @@
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
-   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside something, and
-   are left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
+   Points that are stuck inside geometry are left out. Points that see little but back faces lie inside a solid, and are
+   left out, too; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside
    out. A vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has
    light. A vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes
    of memory and a few microseconds per triangle.
@@ -583,7 +596,7 @@
 
    ON PROBES
 
-   A probe is the light at a point in the air, from all directions. It lights things that move through a baked scene.
+   A probe is the light at a point in the air, from all directions. It lights objects that move through a baked scene.
    Give positions, or a grid of probes at the centres of equal boxes that fill the bounds of the scene:
 
        static sbl_probe probes[8 * 4 * 8];
@@ -602,9 +615,9 @@
    0.5 % with 16,384. R of a small lamp is slightly negative on the far side, where the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
-   inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
-   closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore
-   `valid`. back_share is there for tests of your own. The light is correct for the probe's position in any case.
+   inside a solid: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in closed
+   objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore `valid`.
+   back_share is there for tests of your own. The light is correct for the probe's position in any case.
 
    Moving probes out of solids: if `move` is above 0, an invalid probe tries up to eight other positions. They lie
    behind the nearest back face in each octant of directions, an eighth of `move` beyond it, but never farther than
@@ -813,24 +826,16 @@
 
    ON PARTS
 
-   A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
-   selects a part; width, height and view_to_clip stay those of the whole picture. On the same GL driver, a window is
-   the same to the bit, no matter which windows were made before. Windows fit together, because their tiles and the
-   rotations of their sensors are those of the whole picture, and because a window also measures a margin, which is not
-   shown. The margin adds up to tile + filter_radius + 1 pixels at each side, or with a price 3 * tile + filter_radius +
-   1. Windows with the same mean, price and rays have nearly the same sensors, with the same numbers of looks, as the
-   complete picture with this mean and price. The joined picture therefore hardly has larger steps of light at the
-   borders of windows than the complete picture has at these places.
+   A picture, a lightmap, probes or light at vertices can be made in parts: one after the other if memory does not hold
+   the whole, or at the same time on several machines.
 
-   The joined picture is not to the bit the picture that one call makes. With a price, few pixels differ, at the borders
-   of windows and where rounding moves an edge across the centre of a pixel. Without a price, each window reaches the
-   target error by itself. Some sensors of the joined picture are then at other positions, and the joined picture
-   differs from the picture of one call by less than the target. Differences between neighbouring pixels at the borders
-   are 1 to 1.5 times as large as in the picture of one call (in three scenes).
+   Windows: sbl_picture_desc.window selects a part of a picture; width, height and view_to_clip stay those of the whole
+   picture. In sbl_inspect_sensor and in channels, pixels are those of the window. The pixel (x, y) in ON DETERMINISM is
+   a pixel of the whole picture.
 
-   All windows of a picture should share five things. A small picture of the whole, which has the same target error,
-   supplies the first four. Its width or height should be a quarter of the whole, but at least 192 pixels (or the size
-   of the whole, if that is less) and at most 512:
+   What windows must share: all windows of a picture should have five things in common. A small picture of the whole,
+   which has the same target error, supplies the first four. Its width or height should be a quarter of the whole, but
+   at least 192 pixels (or the size of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a fraction of the mean R of the whole picture. Otherwise it is a fraction of each
@@ -847,25 +852,37 @@
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
-   The pixel (x, y) in ON DETERMINISM is a pixel of the whole picture. In sbl_inspect_sensor and in channels, pixels are
-   those of the window.
+   Borders of windows: on the same GL driver, a window is the same to the bit, no matter which windows were made before.
+   Windows fit together, because their tiles and the rotations of their sensors are those of the whole picture, and
+   because a window also measures a margin, which is not shown. The margin adds up to tile + filter_radius + 1 pixels at
+   each side, or with a price 3 * tile + filter_radius + 1.
 
-   SBL_CHANNEL_WORK of the small picture shows how to divide the whole into windows that take about equally long. With
+   Joined and complete pictures: windows with the same mean, price and rays have nearly the same sensors, with the same
+   numbers of looks, as the complete picture with this mean and price. The joined picture is not to the bit the picture
+   that one call makes, but few pixels differ, at the borders of windows and where rounding moves an edge across the
+   centre of a pixel. Steps of light at the borders of windows are hardly larger than those that the complete picture
+   has there.
+
+   Without a price: each window reaches the target error by itself. Some sensors of the joined picture are then at other
+   positions, and the joined picture differs from the picture of one call by less than the target. Differences between
+   neighbouring pixels at the borders are 1 to 1.5 times as large as in the picture of one call (in three scenes).
+
+   Windows that take equally long: SBL_CHANNEL_WORK of the small picture shows how to divide the whole. With
    sbl_picture_desc.measure_work, it counts the looks of each sensor and the steps that their rays take through the
    hierarchy of triangles, which is the same on all machines with the same driver. It also counts looks at lobes. In
    lightmaps, it counts only looks.
 
-   A lightmap can be baked in windows, too. Mean, price, rays and store are as above. A small lightmap without
-   supersample supplies the mean, the rays and the price. In the factor of the price, the number of pixels of the whole
-   is then width * height * supersample^2. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if
-   the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped, SBL_CHANNEL_GROUP_0 and so on, of each window
-   to its place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If
-   a single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is
-   baked at once.
+   Windows of lightmaps: sbl_lightmap_desc.window selects a part of a lightmap. Mean, price, rays and store are as
+   above. A small lightmap without supersample supplies the mean, the rays and the price. In the factor of the price,
+   the number of pixels of the whole is then width * height * supersample^2. Windows have no gutters. Copy
+   SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3, or if it is grouped,
+   SBL_CHANNEL_GROUP_0 and so on, of each window to its position in arrays of the whole map. When all windows are there,
+   sbl_join_windows makes the gutters and seams. If a single window shows the whole map, and has no mean and price set,
+   the joined map is to the bit the map that is baked at once.
 
-   Probes and light at vertices can be baked in parts, too. On the same GL driver, the parts equal the whole to the bit.
-   In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
-   part may also make the light itself, because it has the same bits on the same driver.
+   Parts of probes and vertices: on the same GL driver, the parts equal the whole to the bit. In SBL_MODE_GI, all parts
+   need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each part may also make the light
+   itself, because it has the same bits on the same driver.
 
        probes     set first_probe to the number of the part's first probe, and probe_count to the number of its probes:
                   0 and 300 for the first part, 300 and 300 for the second, and so on. The grid stays that of the whole.
@@ -1092,12 +1109,12 @@ typedef struct sbl_stream {
 } sbl_stream;
 
 /* A list of triangles. Winding matters only where the two sides of a surface differ (one-sided emission, lightmaps,
-   vertices, back faces): seen from the front, the corners run counter-clockwise. */
+   light at vertices, back faces): seen from the front, the corners run counter-clockwise. */
 typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
     sbl_stream normals;    /* 3 components in object space, of any length. Default: triangles are flat */
     sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
-    sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is its upper left corner, (1, 1)
+    sbl_stream lightmap_texcoords;  /* 2 components, the position in a lightmap: (0, 0) is its upper left corner, (1, 1)
                               its lower right corner. Default: the mesh is in no lightmap */
     sbl_stream colors;     /* 4 components, 0 to 1: linear rgb, which multiplies albedo, and alpha. Default: 1 1 1 1 */
     sbl_stream indices;    /* 3 per triangle; type: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
@@ -1112,9 +1129,9 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back does not emit */
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
-    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving things, only in SBL_MODE_GI: pictures and lightmaps place
+    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving objects, only in SBL_MODE_GI: pictures and lightmaps place
                                           no sensors on the surface and show the stored light, smoothed */
-    SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the share of the surface that exists. The rest of the light passes
+    SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the fraction of the surface that exists. The rest of the light passes
                                           straight through */
     SBL_MATERIAL_FLAGS_ALL = (1 << 5) - 1
 } sbl_material_flag;
@@ -1122,7 +1139,7 @@ typedef enum sbl_material_flag {
 /* A material has no defaults: all zero is a black, solid, matte surface without emission and textures. ON REFLECTIONS
    explains ior, metallic, roughness and transmission. */
 typedef struct sbl_material {
-    float albedo[3];       /* linear share of light that is reflected, 0 to 1 each */
+    float albedo[3];       /* fraction of light that is reflected, 0 to 1 each; linear, not sRGB */
     float emission[3];     /* emitted radiance, 0 to 1e37 */
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
@@ -1132,11 +1149,11 @@ typedef struct sbl_material {
     uint32_t flags;        /* sbl_material_flag bits */
     float ior;             /* index of refraction of what is not metal, 1 to 1e6: 1.5 for most plastics, paints and
                               woods. 0: the surface is matte; if metallic is above 0, it is not, and 0 means 1.5 */
-    float metallic;        /* share of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
+    float metallic;        /* fraction of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
                               counted from 1; 0: none. Its format should be SBL_PIXELS_LINEAR8 */
-    float transmission;    /* share of light, 0 to 1, that passes straight through what is not metal and is tinted by
+    float transmission;    /* fraction of light, 0 to 1, that passes straight through what is not metal and is tinted by
                               `albedo`: the surface is a thin pane */
     int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
     int normal_texture;    /* number of the texture of normals, counted from 1; 0: none; see ON REFLECTIONS. Its format
@@ -1285,7 +1302,7 @@ typedef struct sbl_scene_desc {
     uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
-/* Callbacks of sbl_save_store and sbl_load_store; see there. */
+/* Callbacks of sbl_save_store and sbl_load_store, whose comments describe them. */
 typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
 typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
@@ -1320,7 +1337,7 @@ typedef enum sbl_sensor_kind {
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
-/* How sensors collect light. Both ways give the same light up to noise. */
+/* How sensors collect light. Both back ends give the same light up to noise. */
 typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* RASTER if the mode is SBL_MODE_PAPER, if the scene has a draw callback, or if sensors
                                 are SBL_SENSOR_SINGLE; otherwise TRACE */
@@ -1382,29 +1399,30 @@ typedef struct sbl_picture_desc {
     sbl_sensor_kind sensor_kind;  /* the views of a rasterised sensor. Default: SBL_SENSOR_HEMICUBE. Default in
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
-    float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place of R,
-                                  see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE TARGET
-                                  ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+    float target_error;        /* accepted root mean square error of R over the visible pixels, as a fraction of the
+                                  mean R (see mean_radiance), 0 to 1. In scenes with reflections, it is the error of
+                                  FINAL, see ON REFLECTIONS. If not set, the rays of a sensor are limited, see ON THE
+                                  TARGET ERROR. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
+                                  decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
-                                  of squared errors over all pixels, with errors as shares of the mean R or, in scenes
-                                  with reflections, of the mean of FINAL. If set, the work ends when no look is worth
-                                  it, and target_error does not end it. Set it for windows, see ON PARTS. Default: 0,
-                                  target_error decides */
+                                  of squared errors over all pixels, with errors as fractions of the mean R or, in
+                                  scenes with reflections, of the mean of FINAL. If set, the work ends when no look is
+                                  worth it, and target_error does not end it. Set it for windows, see ON PARTS. Default:
+                                  0, target_error decides */
     float mean_final[3];       /* in scenes with reflections: the mean of FINAL without emission (red, green, blue) to
                                   which errors are relative; set it for windows, see ON PARTS. Default: all 0, the mean
                                   over the visible pixels */
     float specular_price;      /* the same as price, for looks at lobes. Default: 0, target_error decides */
     int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
-                                  minus sign, rays are guided to bright places. Set it for windows, see ON PARTS; it
+                                  minus sign, rays are guided to bright areas. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
     int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
                                   with options.ray_length, because ambient occlusion can be narrow */
-    float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
-                                  their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
+    float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this fraction
+                                  of their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
@@ -1434,8 +1452,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, and what panes add, anti-aliased;
                                see ON REFLECTIONS. In lightmaps R, continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
-    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse part; in
-                               mirrors and behind panes, times what these reflect or pass */
+    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse
+                               component; in mirrors and behind panes, times what these reflect or pass */
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
@@ -1506,7 +1524,7 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean; 0 before the first level is
+        float expected_error;     /* the error predicted so far, as a fraction of the mean; 0 before the first level is
                                      done. Without reflections, it is that of R. With them, it is that of FINAL without
                                      emission, and only its part radiance_error until reflections are measured */
         float radiance_error;     /* the part of expected_error that errors of R cause. Without reflections, it equals
@@ -1517,10 +1535,10 @@ typedef struct sbl_stats {
         int look_rays;            /* number of rays of each look, in the sense of sbl_picture_desc */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
-        float specular_error;     /* the part of expected_error that reflections cause, as a share of the mean of FINAL
-                                     without emission; 0 if no surface in view has reflections */
+        float specular_error;     /* the part of expected_error that reflections cause, as a fraction of the mean of
+                                     FINAL without emission; 0 if no surface in view has reflections */
         float stored_error;       /* the part of radiance_error that sensors cannot reduce: the root mean square error
-                                     of stored light, as a share of the mean R */
+                                     of stored light, as a fraction of the mean R */
         float specular_price;     /* the same as price, for looks at lobes */
         float mean_final[3];      /* the mean of FINAL without emission (red, green, blue) to which errors are relative
                                      in scenes with reflections; 0 before reflections are measured, and without them */
@@ -1530,7 +1548,7 @@ typedef struct sbl_stats {
     struct {
         int seams;                /* number of seams, see ON LIGHTMAPS */
         float seam_before, seam_after;  /* largest difference of the luminance of R across seams, before and after they
-                                     were made equal, as a share of the mean */
+                                     were made equal, as a fraction of the mean */
     } lightmap;
     struct {
         double scene;             /* time that sbl_set_scene took */
@@ -1540,7 +1558,7 @@ typedef struct sbl_stats {
         double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
         double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
-        double total;             /* time since the work was begun, as far as it was spent in sbl.h */
+        double total;             /* time spent in functions of sbl.h since the work was begun */
     } seconds;
 } sbl_stats;
 
@@ -1558,8 +1576,8 @@ typedef struct sbl_site {
 typedef struct sbl_reading {
     float radiance[3];  /* R */
     float noise;        /* standard error of the luminance of R; 0 if it is unknown */
-    float hit_share;    /* cosine-weighted share of the hemisphere that surfaces cover; the rest is sky */
-    float back_share;   /* share of hit_share in which back faces are seen */
+    float hit_share;    /* cosine-weighted fraction of the hemisphere that surfaces cover; the rest is sky */
+    float back_share;   /* fraction of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
     int valid;          /* 0: ignore the other fields, because the sensor is stuck in a surface beside it, the light
@@ -1609,16 +1627,16 @@ typedef struct sbl_lightmap_desc {
     int directional;           /* 1: channels SH_0 to SH_3 are made, see ON LIGHTMAPS. Default: 0, they are not */
     int grouped;               /* 1: channels GROUP_0 to GROUP_7 are made, see ON LIGHT GROUPS; not together with
                                   directional. Default: 0, they are not */
-    int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
-                                  and SH are their means, other channels show the place nearest to the centre. width and
-                                  height times this are at most 16384. Default: 1 */
+    int supersample;           /* number of positions across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
+                                  and SH are their means, other channels show the position nearest to the centre. width
+                                  and height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc.
                                   Default: 0.02 / 0.005 / 0.0025 */
     float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
-    int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
+    int tile;                  /* distance between sensors of the first level, in positions of `supersample`, which are
                                   texels if it is 1. Default: 8, or 4 with options.ray_length. It is half of a
                                   picture's, because objects that cover parts of a wall leave no edges in its chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
@@ -1638,9 +1656,9 @@ typedef struct sbl_windows_desc {
     const float *ids;          /* SBL_CHANNEL_ID of all windows, 1 float per texel of the map, first row first; must
                                   stay valid until the work is done */
     float *light[5];           /* SBL_CHANNEL_RADIANCE of all windows, 3 floats per texel, and, if lightmap.directional
-                                  is 1, SBL_CHANNEL_SH_0 to SH_3. While the work goes on, each array is replaced, one
-                                  after the other, by SBL_CHANNEL_FINAL and SBL_CHANNEL_SH_0 to SH_3 of the whole map:
-                                  with its gutters and seams. Must stay valid until the work is done */
+                                  is 1, SBL_CHANNEL_SH_0 to SH_3. During the work, each array is replaced, one after the
+                                  other, by SBL_CHANNEL_FINAL and SBL_CHANNEL_SH_0 to SH_3 of the whole map: with its
+                                  gutters and seams. Must stay valid until the work is done */
     float *groups[SBL_MAX_LIGHT_GROUPS];  /* if lightmap.grouped is 1: SBL_CHANNEL_GROUP_0 and so on of all windows, one
                                   array for each light group of the scene; they are replaced likewise */
     size_t texel_count;        /* number of texels that these arrays have room for, at least width * height */
@@ -1663,13 +1681,13 @@ typedef struct sbl_probe {
     float sh[9][3];            /* spherical harmonics of the radiance, rgb each */
     float cube[6][3];          /* ambient cube: R on a surface that faces +x, -x, +y, -y, +z, -z. R(n) is about the mean
                                   of the three sides that n turns to, weighted by the squares of n's components */
-    float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
+    float sky;                 /* fraction of all directions in which no surface is seen, 0 to 1 */
     float distance[8];         /* per octant (number: bit 0 is x > 0, bit 1 is y > 0, bit 2 is z > 0): mean world
                                   distance to the surfaces seen in the hemisphere about the octant's middle, weighted by
                                   the cosine to that middle; 0 if no surface is seen there */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
-    float back_share;          /* share of the directions with surfaces in which back faces are seen */
-    int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
+    float back_share;          /* fraction of the directions with surfaces in which back faces are seen */
+    int valid;                 /* 0: the probe is inside a solid, its light overflows, or rays were lost */
 } sbl_probe;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1687,7 +1705,8 @@ typedef struct sbl_probes_desc {
                                   y. They are at the centres of equal boxes that fill lowest to highest. Default (all
                                   zero): no grid, so positions must be set */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
-    float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
+    float move;                /* maximum world distance by which a probe is moved out of a solid, see ON PROBES.
+                                  Default: 0 */
     sbl_probe *groups;         /* NULL, or receives the light of the light groups of the scene: a probe for each group
                                   of the first position, then those of the second, and so on. Their sh and cube add up
                                   to those of the whole probe; all other fields are equal to its fields. See ON LIGHT
@@ -1788,7 +1807,8 @@ typedef struct sbl_sensor {
     float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1, except for a single view, and about 1 if the rays
                                  are guided or go to mirrored lamps */
-    float back_share;         /* share of the whole weight that sees back faces, unlike in sbl_reading */
+    float back_share;         /* fraction of the whole weight that sees back faces (in sbl_reading, it is a fraction of
+                                 hit_share) */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 1: the pixel's light is from its sensor or from the store; 0: the pixel was
@@ -1850,12 +1870,13 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
    warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
    another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
    it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
-   file that it did not write. Loading drops work under way, even if it fails. put, get: called for some bytes at a
-   time; they return the number of bytes written or read; a number other than `bytes` is an error. user: passed to them.
-   The format has a version and a checksum. Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are
-   damaged, or of another version, byte order or scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED
-   (load: larger than the driver's tables), OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that
-   it had. Loading drops unfinished work. */
+   file that it did not write. The format has a version and a checksum. Loading drops work under way, even if it fails.
+   After a failed load the scene keeps the stored light that it had.
+   put, get: called for some bytes at a time; they return the number of bytes written or read; a number other than
+   `bytes` is an error. user: passed to put or get.
+   Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
+   scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables),
+   OUT_OF_MEMORY, GL. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
@@ -1873,9 +1894,9 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a lightmap, which takes the place of a picture: the functions below, from sbl_step on, treat it as a picture.
-   desc: NULL means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has
-   lightmap_texcoords), and OUT_OF_MEMORY, which drops all former work. */
+/* Starts a lightmap. It replaces a picture: the functions below, from sbl_step on, treat it as a picture. desc: NULL
+   means defaults. Results: as for sbl_begin_picture (INVALID_ARGUMENT also if no mesh has lightmap_texcoords), and
+   OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
 /* Starts to join the windows of a lightmap: continues the light into the gutters, and makes it equal across seams. The
@@ -1885,8 +1906,8 @@ SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_des
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
    desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
-   filled when the work is done; its readings or probes are filled from the first to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
+   filled when the work is done; its readings or probes are filled from the first to the last during the work. Results:
+   INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
    (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
@@ -2122,7 +2143,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a position where light is measured: in a leaf or on a triangle
-   ring                                                 things equally many steps away from those that have values
+   ring                                                 pixels equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
@@ -2145,11 +2166,15 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    job          sbl__job          >>job                 the measurement of a list of sites
    spec         sbl__spec         >>job                 how the sensors of a job measure: rays or views, and so on
    uncertainty                                          a standard error; its square is a variance
-   probe        sbl__probe        >>probes              light at a point in the air, for things that move
+   probe        sbl__probe        >>probes              light at a point in the air, for objects that move
    front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
 
 
    FOR THOSE WHO CHANGE IT
+
+   Names: a function gets the struct that it works on as its first parameter, mostly with the initial of the type as its
+   name: d is the sbl__device, g the sbl__geometry, b the sbl__bounce, r the sbl__refine, t an sbl__tile. Loops count
+   with i, k and n.
 
    Any change is fine if scripts/test passes. tests/test_pinned.c compares pictures to the bit. scripts/compare_commits
    BASE shows what a change does to some 220 pictures and bakes, and to their times. tests/tools/rooms.py lists the
@@ -2334,34 +2359,34 @@ static void sbl__free(sbl__base *base, void *pointer) {
 }
 
 /* Enlarges an array if it has room for fewer than `needed` elements of `size` bytes. array: address of the pointer to
-   the array; *room: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
+   the array; *capacity: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
    appending takes constant time on average. Returns 1; or 0, with nothing changed, if memory is exhausted. */
-static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
+static int sbl__grow(sbl__base *base, void *array, int *capacity, int needed, size_t size) {
     void *old, *grown;
     int more;
-    if (needed <= *room) return 1;
-    more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
+    if (needed <= *capacity) return 1;
+    more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *capacity * 2 + 1024);
     memcpy(&old, array, sizeof old);
     grown = sbl__alloc_raw(base, (size_t)more, size);
     if (!grown) return 0;
-    if (*room) memcpy(grown, old, (size_t)*room * size);
+    if (*capacity) memcpy(grown, old, (size_t)*capacity * size);
     sbl__free(base, old);
     memcpy(array, &grown, sizeof grown);
-    *room = more;
+    *capacity = more;
     return 1;
 }
 
 /* Reduces the capacity of an array to `count` elements. Parameters and result: see sbl__grow. */
-static int sbl__trim(sbl__base *base, void *array, int *room, int count, size_t size) {
+static int sbl__trim(sbl__base *base, void *array, int *capacity, int count, size_t size) {
     void *old, *kept;
-    if (*room <= count) return 1;
+    if (*capacity <= count) return 1;
     memcpy(&old, array, sizeof old);
     kept = sbl__alloc_raw(base, (size_t)count, size);
     if (!kept) return 0;
     memcpy(kept, old, (size_t)count * size);
     sbl__free(base, old);
     memcpy(array, &kept, sizeof kept);
-    *room = count;
+    *capacity = count;
     return 1;
 }
 
@@ -2568,7 +2593,7 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GenSamplers, (int count, unsigned *names)) \
     X(void, GenTextures, (int count, unsigned *names)) \
     X(void, GenVertexArrays, (int count, unsigned *names)) \
-    X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
+    X(void, GetActiveUniform, (unsigned program, unsigned index, int capacity, int *length, int *size, unsigned *type, \
       char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
@@ -2576,9 +2601,9 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GetDoublev, (unsigned name, double *out)) \
     X(unsigned, GetError, (void)) \
     X(void, GetIntegerv, (unsigned name, int *out)) \
-    X(void, GetProgramInfoLog, (unsigned program, int room, int *length, char *text)) \
+    X(void, GetProgramInfoLog, (unsigned program, int capacity, int *length, char *text)) \
     X(void, GetProgramiv, (unsigned program, unsigned name, int *out)) \
-    X(void, GetShaderInfoLog, (unsigned shader, int room, int *length, char *text)) \
+    X(void, GetShaderInfoLog, (unsigned shader, int capacity, int *length, char *text)) \
     X(void, GetShaderiv, (unsigned shader, unsigned name, int *out)) \
     X(const unsigned char *, GetString, (unsigned name)) \
     X(const unsigned char *, GetStringi, (unsigned name, unsigned index)) \
@@ -2836,7 +2861,7 @@ static int sbl__guard_switch_count(const sbl__gl *gl) {
     return SBL__COUNT(sbl__guard_switches) - !sbl__gl_at_least(gl, 40) - !sbl__gl_at_least(gl, 43);
 }
 
-/* parameters of glPixelStore that affect 2D textures, and the values that the library needs */
+/* Parameters of glPixelStore that affect 2D textures, and the values that the library needs */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
     { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
@@ -3038,7 +3063,7 @@ typedef struct sbl__record {
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
 #define SBL__STACK 64              /* capacity of the stack that a ray uses to traverse the hierarchy, in references */
 #define SBL__LAMPS 256             /* maximum number of lamps plus clusters that lamps.glsl lists for a look */
-#define SBL__LAMP_PASSES 8         /* lamps.glsl traces each part of a look's rays in at most this many passes */
+#define SBL__LAMP_PASSES 8         /* an invocation of lamps.glsl traces its rays in at most this many passes */
 #define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of a texture's kind; a kind of 0 means that the texture does not exist */
@@ -3128,17 +3153,16 @@ typedef struct sbl__record {
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
 #define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
-                                          diffuse part is then ignored */
+                                          diffuse component is then ignored */
 #define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
                                           because the lobe of a surface with an albedo of 0 also reflects light */
-#define SBL__STRONG 0.2f               /* A surface shines if it has a lobe whose reflectance along the normal exceeds
-                                          this. Rays that hit it continue in the lobe. Other surfaces with a lobe are
-                                          gloss */
+#define SBL__STRONG 0.2f               /* a surface with a lobe counts as metal if the reflectance of the lobe along the
+                                          normal exceeds this, and otherwise as gloss. Rays that hit metal continue in
+                                          the lobe */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
-#define SBL__BLURRED 0.3f              /* lower limit of the roughness of surfaces that shine, where rays hit them, see
-                                          reflect.glsl */
+#define SBL__BLURRED 0.3f              /* lower limit of the roughness of metal where rays hit it, see reflect.glsl */
 #define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
                                           itself. The height of a lamp is relative to the scene's extent; that of a
@@ -3344,7 +3368,7 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* a framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
+/* A framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[8], formats[8]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
@@ -3452,22 +3476,22 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
    a program anew for each combination of buffers whose sizes are powers of two, or have only zeros in bits 8 to 15. No
    size that this function returns has either property, so that scenes of any size share the compiled programs. */
 static size_t sbl__buffer_capacity(size_t bytes) {
-    size_t room = SBL__MAX(bytes, 272);
-    while (!(room >> 8 & 255) || !(room & (room - 1))) room += 16;
-    return room;
+    size_t capacity = SBL__MAX(bytes, 272);
+    while (!(capacity >> 8 & 255) || !(capacity & (capacity - 1))) capacity += 16;
+    return capacity;
 }
 
 /* Gives a buffer this size and content (NULL: undefined). Deletes it on failure. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
-    const size_t room = sbl__buffer_capacity(bytes);
+    const size_t capacity = sbl__buffer_capacity(bytes);
     sbl_result result;
     if (bytes > b->bytes && !sbl__budget_allows(d->base, (double)(bytes - b->bytes))) return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
-    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)room, bytes == room ? data : NULL, usage);
-    if (data && bytes && bytes < room) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)capacity, bytes == capacity ? data : NULL, usage);
+    if (data && bytes && bytes < capacity) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
     result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS) { sbl__buffer_delete(d, b); return result; }
     sbl__gpu_account(d->base, b->bytes, bytes);
@@ -3481,13 +3505,14 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* Writes the data of a batch to a buffer. room: size of the largest batch in bytes. The buffer always has this size, so
-   that the memory in use does not depend on the pace. A batch larger than room / 8 gets new storage: the driver then
-   need not wait for draws that read the former batch. For smaller batches, new storage costs more than the wait. */
-static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
+/* Writes the data of a batch to a buffer. capacity: size of the largest batch in bytes. The buffer always has this
+   size, so that the memory in use does not depend on the pace. A batch larger than capacity / 8 gets new storage: the
+   driver then need not wait for draws that read the former batch. For smaller batches, new storage costs more than the
+   wait. */
+static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t capacity, const void *data,
                                      size_t bytes) {
-    const int stays = b->id && b->bytes == room && bytes <= room / 8;
-    const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
+    const int stays = b->id && b->bytes == capacity && bytes <= capacity / 8;
+    const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, capacity, NULL, SBL__GL_STREAM_DRAW);
     if (result != SBL_SUCCESS) return result;
     sbl__buffer_write(d, b, 0, bytes, data);
     return sbl__gl_check(&d->gl);
@@ -3611,7 +3636,7 @@ enum {
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
     SBL__NORMAL_MAPS = 1 << 15, /* some materials have a normal map */
     SBL__MIRRORS_BLUR = 1 << 16,  /* some mirrors that pixels show are slightly rough: samples blur them */
-    SBL__POOLED = 1 << 17,      /* the invocations of a workgroup share the rays that go on, see trace.glsl */
+    SBL__POOLED = 1 << 17,      /* the invocations of a workgroup share the rays that continue, see trace.glsl */
     SBL__FEATURES = 18,
     SBL__GROUPS_SHIFT = 18,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
     SBL__GROUPS = 15 << 18      /* mask of the bits that hold the number of light groups */
@@ -3916,7 +3941,7 @@ static double sbl__whole_lots(const sbl__device *d, double items, int invocation
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
 }
 
-/* an attribute of a vertex array, and its position in a buffer */
+/* An attribute of a vertex array, and its position in a buffer */
 typedef struct sbl__input {
     int location, components;
     unsigned type;
@@ -4047,7 +4072,7 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 /* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th iteration. The size of a piece
    of GPU work is computed from the time that earlier pieces of its kind took. Neither may change a result. */
 
-/* the time limits of one call of sbl_step */
+/* The time limits of one call of sbl_step */
 typedef struct sbl__slice {
     double end;      /* when the slice ends, on the clock of sbl__now; DBL_MAX: no limit */
     double longest;  /* longest allowed time of a submission, in seconds */
@@ -4074,8 +4099,9 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
 /* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
    most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
    because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
-   by PACE_FALL of the difference. Below PACE_FAR times the estimate, the estimate falls by PACE_FAR_FALL of the
-   difference: it was then wrong, perhaps because the driver compiled a shader in an earlier submission. */
+   by PACE_FALL of the difference. If the cost is even below PACE_FAR times the estimate, the estimate falls by
+   PACE_FAR_FALL of the difference: it was then wrong, perhaps because the driver compiled a shader in an earlier
+   submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -4134,10 +4160,11 @@ typedef struct sbl__stage_row {
 #define SBL__STAGE_NAME(name, piece, iterate, count, next) name,
 #define SBL__STAGE_ROW(name, piece, iterate, count, next) { piece, iterate, count, next },
 
-/* the progress of staged work */
+/* The progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
-    int at;     /* loop: index of the next iteration; piece: a counter for its own use. Each stage begins with 0 */
+    int at;     /* index of the next iteration of a loop, or a counter that another stage uses as it likes. A stage
+                   begins with 0 */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many iterations of its loop as the slice allows. Returns SBL_SUCCESS if
@@ -4836,34 +4863,34 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
    some vertices are already transformed. g->centre is subtracted in double precision. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
     sbl__mesh *mesh = &g->meshes[number];
-    const double d = sbl__affine_determinant(m);
-    double n[9], column[3][3];
-    int v, i, k;
-    /* Normals are transformed by the cofactor matrix n, which is the determinant times the inverse transpose. */
+    const double determinant = sbl__affine_determinant(m);
+    double cofactors[9], column[3][3];
+    int vertex, i, k;
+    /* Normals are transformed by the matrix of cofactors, which is the determinant times the inverse transpose. */
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
-    for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
-    for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
-        const float *p = g->positions + 3 * (size_t)v, *q = g->normals + 3 * (size_t)v;
-        float *world = g->vertices[v].position;
+    for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], cofactors + 3 * i);
+    for (vertex = mesh->first_vertex; vertex < mesh->first_vertex + mesh->vertex_count; vertex++) {
+        const float *p = g->positions + 3 * (size_t)vertex, *q = g->normals + 3 * (size_t)vertex;
+        float *world = g->vertices[vertex].position;
         double normal[3];
         for (i = 0; i < 3; i++) {
             world[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] +
                                ((double)m[12 + i] - g->centre[i]));
-            normal[i] = n[i] * q[0] + n[3 + i] * q[1] + n[6 + i] * q[2];
-            if (d < 0) normal[i] = -normal[i];
+            normal[i] = cofactors[i] * q[0] + cofactors[3 + i] * q[1] + cofactors[6 + i] * q[2];
+            if (determinant < 0) normal[i] = -normal[i];
         }
         for (i = 0; i < 3; i++)
             if (!(fabs((double)world[i] + g->centre[i]) < SBL__COORDINATE_MOST)) {
                 sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d is at %g %g %g in world "
-                         "space; coordinates must be between -1e18 and 1e18", number, v - mesh->first_vertex,
+                         "space; coordinates must be between -1e18 and 1e18", number, vertex - mesh->first_vertex,
                          (double)world[0] + g->centre[0], (double)world[1] + g->centre[1],
                          (double)world[2] + g->centre[2]);
                 return 0;
             }
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders replace it by the face normal */
-        for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
+        for (i = 0; i < 3; i++) g->attributes[vertex].normal[i] = (float)normal[i];
     }
-    if ((d < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
+    if ((determinant < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
     memmove(mesh->transform, m, sizeof mesh->transform);
     return 1;
 }
@@ -5016,7 +5043,7 @@ static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geomet
     return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
-/* vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes */
+/* Vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes */
 static const sbl__input sbl__vertex_inputs[] = {
     { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
     { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
@@ -5211,24 +5238,25 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread over a grid (of pixels or texels) from the things that have one. Ring 0 holds the
-   things that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The value
-   of a thing is computed from its neighbours in earlier rings. */
+/* >>topology: rings. Values spread over a grid from the elements (pixels or texels) that have one. Ring 0 holds the
+   elements that have a value at the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. The
+   value of an element is computed from its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)  /* instead of a ring: it is not known yet */
 
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: `thing` must not pass its value to `other`; `mean`
-                                                               must test this, too. NULL: always 1 */
-    void (*mean)(void *user, int thing);  /* sets a thing's value from neighbours that sbl__ring_reached accepts */
-    int count;          /* number of things */
-    int width;          /* things per row of the grid */
+    int (*joined)(const void *user, int element, int other);  /* 0: `element` must not pass its value to `other`; `mean`
+                                                                 must test this, too. NULL: always 1 */
+    void (*mean)(void *user, int element);  /* sets an element's value to the mean of the neighbours that
+                                               sbl__ring_reached accepts */
+    int count;          /* number of elements */
+    int width;          /* elements per row of the grid */
     int last;           /* index of the last ring to compute */
-    int *ring;          /* ring of each thing; SBL__RING_WAITS: not yet known */
-    int *queue;         /* things of rings 1 .. last, in the order of the rings; same block of memory as `ring` */
-    int queued;         /* number of things added to the queue so far */
+    int *ring;          /* ring of each element; SBL__RING_WAITS: not yet known */
+    int *queue;         /* elements of rings 1 .. last, in the order of the rings; same block of memory as `ring` */
+    int queued;         /* number of elements added to the queue so far */
     int number;         /* index of the ring that is being computed */
 } sbl__rings;
 
@@ -5238,8 +5266,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
 }
 
 /* Sets r->count, and allocates r->ring, filled with SBL__RING_WAITS. The caller sets user, joined, mean, width and
-   last; then it sets r->ring to 0 for each thing that has a value. waiting: maximum number of other things that get a
-   value */
+   last; then it sets r->ring to 0 for each element that has a value. waiting: maximum number of other elements that get
+   a value */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int waiting) {
     r->count = count;
     r->ring = (int *)sbl__alloc_raw(base, (size_t)count + (size_t)waiting, sizeof *r->ring);
@@ -5249,56 +5277,57 @@ static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int
     return SBL_SUCCESS;
 }
 
-static int sbl__ring_reached(const sbl__rings *r, int thing) {
-    return r->ring[thing] >= 0 && r->ring[thing] < r->number;
+static int sbl__ring_reached(const sbl__rings *r, int element) {
+    return r->ring[element] >= 0 && r->ring[element] < r->number;
 }
 
-/* Returns the next thing of the 3 x 3 block around a thing (itself included), row by row, or -1 at the end. Skips
-   positions outside the grid. *place: 0 before the first call */
-static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
-    while (*place < 9) {
-        const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
-        ++*place;
+/* Returns the next element of the 3 x 3 block around an element (itself included), row by row, or -1 at the end. Skips
+   positions outside the grid. *step: number of positions visited so far; 0 before the first call */
+static int sbl__ring_grid(const sbl__rings *r, int element, size_t *step) {
+    while (*step < 9) {
+        const int x = element % r->width + (int)(*step % 3) - 1, y = element / r->width + (int)(*step / 3) - 1;
+        ++*step;
         if (x >= 0 && y >= 0 && x < r->width && y < r->count / r->width) return y * r->width + x;
     }
     return -1;
 }
 
-/* Queues the waiting neighbours of a thing that `joined` accepts, as the next ring. Does nothing in the last ring. */
-static void sbl__ring_queue_neighbours(sbl__rings *r, int thing) {
-    size_t place = 0;
+/* Queues the waiting neighbours of an element that `joined` accepts, as the next ring. Does nothing in the last
+   ring. */
+static void sbl__ring_queue_neighbours(sbl__rings *r, int element) {
+    size_t step = 0;
     int other;
-    while (r->number < r->last && (other = sbl__ring_grid(r, thing, &place)) >= 0) {
-        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, thing, other))) continue;
+    while (r->number < r->last && (other = sbl__ring_grid(r, element, &step)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, element, other))) continue;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
 }
 
-/* Queues the neighbours of a thing of ring 0. */
-static sbl_result sbl__ring_source(void *work, int thing) {
+/* Queues the neighbours of an element of ring 0. */
+static sbl_result sbl__ring_source(void *work, int element) {
     sbl__rings *r = (sbl__rings *)work;
-    if (r->ring[thing] == 0) sbl__ring_queue_neighbours(r, thing);
+    if (r->ring[element] == 0) sbl__ring_queue_neighbours(r, element);
     return SBL_SUCCESS;
 }
 
-/* Computes the value of a queued thing, and queues its neighbours. */
+/* Computes the value of a queued element, and queues its neighbours. */
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
-    const int thing = r->queue[at];
-    r->number = r->ring[thing];
-    r->mean(r->user, thing);
-    sbl__ring_queue_neighbours(r, thing);
+    const int element = r->queue[at];
+    r->number = r->ring[element];
+    r->mean(r->user, element);
+    sbl__ring_queue_neighbours(r, element);
     return SBL_SUCCESS;
 }
 
-static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
+static int sbl__rings_elements(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
 /* Does a piece of the work. Returns SBL_SUCCESS if all rings up to r->last have values, SBL_UNFINISHED before. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, sbl__ring_source, sbl__rings_things, NULL },
+        { NULL, sbl__ring_source, sbl__rings_elements, NULL },
         { NULL, sbl__ring_next, sbl__rings_queued, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
@@ -5379,25 +5408,25 @@ static sbl_result sbl__solver_term(void *work, int term) {
 
 /* Does the current stage, except SBL__SOLVER_MULTIPLY, for one channel of an unknown. i: index in the arrays */
 static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
-    const double d = s->diagonal[i];
-    double preconditioned, share;
+    const double diagonal = s->diagonal[i];
+    double preconditioned, step;
     switch (s->stages.stage) {
         case SBL__SOLVER_START:
-            preconditioned = d > 0 ? s->residual[i] / d : 0;
+            preconditioned = diagonal > 0 ? s->residual[i] / diagonal : 0;
             sum->power += s->residual[i] * preconditioned;
             sum->first2 += preconditioned * preconditioned;
             break;
         case SBL__SOLVER_TURN:
-            s->direction[i] = (d > 0 ? s->residual[i] / d : 0) + sum->turn * s->direction[i];
+            s->direction[i] = (diagonal > 0 ? s->residual[i] / diagonal : 0) + sum->turn * s->direction[i];
             s->product[i] = s->identity * s->direction[i];
             break;
         case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
         default:
-            if (!(d > 0)) break;
-            share = sum->along > 0 ? sum->power / sum->along : 0;
-            s->solution[i] += share * s->direction[i];
-            s->residual[i] -= share * s->product[i];
-            preconditioned = s->residual[i] / d;
+            if (!(diagonal > 0)) break;
+            step = sum->along > 0 ? sum->power / sum->along : 0;
+            s->solution[i] += step * s->direction[i];
+            s->residual[i] -= step * s->product[i];
+            preconditioned = s->residual[i] / diagonal;
             sum->next_power += s->residual[i] * preconditioned;
             sum->left2 += preconditioned * preconditioned;
     }
@@ -5479,7 +5508,7 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* a texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
+/* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
 /* Reads a pixel. Divides bytes by 255, but does not decode sRGB. One channel is grey, two are grey and alpha. Without
@@ -5759,8 +5788,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
 "}\n",
 "\n",
-"// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
-"float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
+"// Returns the position of a row or a column in the tables of lobes. fraction: 0 to 1 from the first to the last\n",
+"float sbl_lobe_step(float fraction) { return float(SBL_LOBE_ROWS - 1) * clamp(fraction, 0.0, 1.0); }\n",
 "\n",
 "float sbl_lobe_row(float roughness) {\n",
 "    return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));\n",
@@ -5778,8 +5807,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
 "    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
-"    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
-"    return reflectance * (share.x - share.y) + share.y;\n",
+"    vec2 entry = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
+"    return reflectance * (entry.x - entry.y) + entry.y;\n",
 "}\n",
 "\n",
 "// Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,\n",
@@ -5865,11 +5894,11 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
-"// of the triangle; way: vector from the viewer to the point\n",
-"float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
-"    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,\n",
-"                                                       // since the products would underflow\n",
-"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
+"// of the triangle; to_point: vector from the viewer to the point\n",
+"float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {\n",
+"    // Vectors are divided by `away` before they are multiplied, because the products would underflow.\n",
+"    float away = max(length(to_point), SBL_DIVISOR_LEAST);\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
@@ -5927,7 +5956,7 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 albedo;       // albedo; if the surface also has a lobe, the mean over all directions\n",
 "    bool cut_out;      // true: the point lies in a hole\n",
 "#ifdef SBL_SPECULAR\n",
-"    vec3 diffuse;      // albedo of the diffuse part, seen along the normal\n",
+"    vec3 diffuse;      // albedo of the diffuse component, seen along the normal\n",
 "    vec3 reflectance;  // reflectance of the specular lobe, seen along the normal\n",
 "    float roughness;   // 0 to 1; negative: the surface is matte\n",
 "    float opacity;     // coverage of the surface at this point, 0 to 1\n",
@@ -5954,9 +5983,9 @@ static const char *const sbl__glsl_material[] = {
 "    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));\n",
 "    float reflectance = sbl_object_reflectance(object);\n",
 "    for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {\n",
-"        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
-"        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);\n",
-"        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);\n",
+"        vec2 factors = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
+"        float metallic = clamp(factors.y * sbl_object_metallic(object), 0.0, 1.0);\n",
+"        m.roughness = clamp(factors.x * sbl_object_roughness(object), 0.0, 1.0);\n",
 "        m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;\n",
 "        m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);\n",
 "        m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));\n",
@@ -5994,7 +6023,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "// Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue\n",
-"// in its lobe; the others find only its diffuse part (see sbl_face_ray).\n",
+"// in its lobe; the others find only its diffuse component (see sbl_face_ray).\n",
 "bool sbl_hit_as_gloss(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_is_strong(m, m.reflectance);\n",
 "}\n",
@@ -6069,7 +6098,7 @@ static const char *const sbl__glsl_material[] = {
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
 "// Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For\n",
-"// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.\n",
+"// gloss, this is only the diffuse component, because rays that hit gloss find the light of its lobe.\n",
 "vec3 sbl_glow_albedo(sbl_Material m) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;\n",
@@ -6096,7 +6125,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns the radiance that the diffuse part of a surface reflects. light: R at the surface\n",
+"// Returns the radiance that the diffuse component of a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }\n",
 "\n",
 "// Returns the radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the\n",
@@ -6115,7 +6144,7 @@ static const char *const sbl__glsl_material[] = {
 "    return m.opacity * sbl_fresnel(m.reflectance, cosine);\n",
 "}\n",
 "\n",
-"// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.\n",
+"// Returns the albedo of the diffuse component of a surface for a viewer at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
 "#endif\n",
 "\n",
@@ -6426,14 +6455,14 @@ typedef struct sbl__bvh_task {
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
 
-/* the split of a task's triangles into two parts, one for each child */
+/* The split of a task's triangles between the two children of its node */
 typedef struct sbl__bvh_split {
-    int left;                    /* number of triangles moved to the first part so far */
-    int axis, bin;               /* the last bin of the first part, and its axis; axis < 0: no split found */
+    int left;                    /* number of triangles moved to the first child so far */
+    int axis, bin;               /* the last bin of the first child, and its axis; axis < 0: no split found */
     float scale[3];              /* bins per unit of doubled centres; 0: the axis cannot be split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
-    sbl__bvh_bounds parts[2];
+    sbl__bvh_bounds children[2];
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of the node's box * mean number of nodes and triangles that a ray through the box tests */
@@ -6511,7 +6540,7 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh_building *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first part to the front of the
+/* Counts the triangles of a chunk in bins (SBL__BVH_COUNT), or moves triangles of the first child to the front of the
    task (SBL__BVH_MOVE). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
@@ -6525,7 +6554,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_MOVE) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
-            sbl__bvh_bounds_add(&s->parts[second], box);
+            sbl__bvh_bounds_add(&s->children[second], box);
             if (second) continue;
             order[i] = order[b->task.first + s->left];
             order[b->task.first + s->left++] = number;
@@ -6658,7 +6687,7 @@ static int sbl__bvh_next_task(void *work) {
     }
     memset(s, 0, sizeof *s);
     s->axis = -1;
-    for (k = 0; k < 2; k++) s->parts[k].box = s->parts[k].centroids = sbl__box_empty;
+    for (k = 0; k < 2; k++) s->children[k].box = s->children[k].centroids = sbl__box_empty;
     for (axis = 0; axis < 3; axis++) {
         const float size = centroids->high[axis] - centroids->low[axis];
         const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
@@ -6668,7 +6697,7 @@ static int sbl__bvh_next_task(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the current task after its split. Each part becomes a leaf or a new task. */
+/* Writes the node of the current task after its split. Each child becomes a leaf or a new task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh_building *b = (sbl__bvh_building *)work;
     sbl__bvh_split *s = &b->split;
@@ -6676,20 +6705,20 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split: uses halves. With one triangle, part 0 is empty, and no ray enters its box */
+    if (!s->left) {  /* no split: uses halves. With one triangle, child 0 is empty, and no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++)
-            sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
+            sbl__bvh_bounds_add(&s->children[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->costs[node].area = sbl__box_area(&t->bounds.box);
     b->costs[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
-        sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
-        b->costs[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        sbl__bvh_quantise(&t->grid, &s->children[side].box, child);
+        b->costs[node].sum += (double)sbl__box_area(&s->children[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -6699,7 +6728,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->count = count;
             task->depth++;
             task->child = 2 * node + side;
-            task->bounds = s->parts[side];
+            task->bounds = s->children[side];
         }
     }
     return SBL_SUCCESS;
@@ -6708,7 +6737,8 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
 /* >>bvh: stages */
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
-    const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
+    const size_t capacity = (size_t)SBL__MAX(1, g->triangle_count);
+    const size_t nodes = capacity + capacity / SBL__BVH_GRID_LEAST + 2;
     sbl__bvh_building *b = (sbl__bvh_building *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
@@ -6719,8 +6749,8 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->cost = h->seconds = 0;
     b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
     sbl__free(d->base, h->order);
-    h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
-    b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
+    h->order = (uint32_t *)sbl__alloc_raw(d->base, capacity, 4);
+    b->boxes = (sbl__box *)sbl__alloc_raw(d->base, capacity, sizeof *b->boxes);
     b->costs = (sbl__bvh_node_cost *)sbl__alloc(d->base, nodes, sizeof *b->costs);
     b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
     return b->children && h->order && b->boxes && b->costs ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -7063,12 +7093,12 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two things that are too bright for
-   random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow). Directional
-   lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and one of
-   distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of lamps
-   (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the lights, then
-   the glows.
+   Sensors send rays to lamps. Emitting triangles and lights are lamps, and so are two kinds of sources that are too
+   bright for random rays: texels of the environment, and parts of surfaces that reflect much light (see >>glow).
+   Directional lights and texels are distant lamps, at infinity; all others are near lamps. Two trees, one of near and
+   one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the number of
+   lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then the
+   lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. A lamp at
    distance d adds about power * cosine / d^2 to the sum of R's channels; a distant lamp adds power * cosine. */
@@ -7131,8 +7161,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
 #define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
-#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first part is at most this * the
-                                         radius of the cluster */
+#define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first child is at most this * its own
+                                         radius */
 #define SBL__MIRRORED_MOST 32         /* maximum number of mirrored clusters of a scene */
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
@@ -7176,8 +7206,8 @@ typedef struct sbl__lamp_trees {  /* the lamp trees while they are built */
     const sbl__environment *environment;
     struct sbl__lamps *lamps;
     sbl__lamp *list, *sorted;  /* all lamps; the array into which the merge sort writes */
-    int count, room;
-    sbl__hash_table places;    /* lamps that are triangles, by the positions of their corners */
+    int count, capacity;
+    sbl__hash_table by_corners;  /* lamps that are triangles, by the positions of their corners */
     double low[3], side;       /* cube around the centres of the near lamps, for the Morton curve */
     int width;                 /* merge sort: length of the sorted runs that are being merged, in lamps */
     int left, right, out;      /* indices of the next lamps of the two runs, and of the next element of `sorted` */
@@ -7215,7 +7245,7 @@ static void sbl__lamp_trees_free(const sbl__device *d, sbl__lamp_trees *l) {
     sbl__free(d->base, l->list);
     sbl__free(d->base, l->sorted);
     sbl__free(d->base, l->nodes);
-    sbl__hash_table_free(d->base, &l->places);
+    sbl__hash_table_free(d->base, &l->by_corners);
     sbl__free(d->base, l);
 }
 
@@ -7320,11 +7350,11 @@ static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *
     const sbl_light *light = &l->lamps->lights[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_DISTANT_LIGHT : SBL__LAMP_LOCAL_LIGHT;
-    double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
+    double position[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     int k;
-    sbl__light_write(light, l->geometry->centre, &record, place);
-    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
+    sbl__light_write(light, l->geometry->centre, &record, position);
+    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, position,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
     if (light->kind != SBL_LIGHT_SPOT) return;
     for (k = 0; k < 3; k++) axis[k] = (double)light->direction[k];
@@ -7386,7 +7416,8 @@ static sbl_result sbl__lamp_trees_add(void *work, int at) {
     else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
     if (!(lamp.power > 0)) return SBL_SUCCESS;
-    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(l->device->base, &l->list, &l->capacity, l->count + 1, sizeof *l->list))
+        return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = lamp;
     return SBL_SUCCESS;
 }
@@ -7426,23 +7457,23 @@ static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     const uint32_t number = sbl__lamp_solid(l, lamp);
     uint32_t bucket = 0, found;
     int k, placed = 0;
-    if (!at && sbl__hash_table_make(l->device->base, &l->places, l->count) != SBL_SUCCESS)
+    if (!at && sbl__hash_table_make(l->device->base, &l->by_corners, l->count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
     if (number == SBL__NONE) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) bucket += sbl__hash_floats(0, sbl__triangle_corner(l->geometry, number, k), 3);
-    while ((found = sbl__bucket_next(&l->places, &bucket)) != SBL__NONE) {
-        const uint32_t place = sbl__lamp_solid(l, other = &l->list[found]);
-        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, place) ||
-            !sbl__corners_within(l->geometry, place, number)) continue;
-        if (sbl__lamp_covers(other, lamp) && (place < number || !sbl__lamp_covers(lamp, other))) {
+    while ((found = sbl__bucket_next(&l->by_corners, &bucket)) != SBL__NONE) {
+        const uint32_t twin = sbl__lamp_solid(l, other = &l->list[found]);
+        if (!(other->power > 0) || !sbl__corners_within(l->geometry, number, twin) ||
+            !sbl__corners_within(l->geometry, twin, number)) continue;
+        if (sbl__lamp_covers(other, lamp) && (twin < number || !sbl__lamp_covers(lamp, other))) {
             lamp->power = 0;
             return SBL_SUCCESS;
         }
         if (!sbl__lamp_covers(lamp, other)) continue;
         other->power = 0;
-        if (!placed++) sbl__bucket_fill(&l->places, bucket - 1, (uint32_t)at);
+        if (!placed++) sbl__bucket_fill(&l->by_corners, bucket - 1, (uint32_t)at);
     }
-    if (!placed) sbl__bucket_fill(&l->places, bucket, (uint32_t)at);
+    if (!placed) sbl__bucket_fill(&l->by_corners, bucket, (uint32_t)at);
     return SBL_SUCCESS;
 }
 
@@ -7452,7 +7483,7 @@ static int sbl__lamp_trees_compact(void *work) {
     int i, kept = 0;
     for (i = 0; i < l->count; i++) if (l->list[i].power > 0) l->list[kept++] = l->list[i];
     l->count = kept;
-    sbl__hash_table_free(l->device->base, &l->places);
+    sbl__hash_table_free(l->device->base, &l->by_corners);
     return l->stages.stage + 1;
 }
 
@@ -7477,8 +7508,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp)
     int k, bit;
     for (k = 0; k < 3; k++) {
         const double middle = sbl__box_middle(&lamp->bounds, k);
-        const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
-        const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
+        const double fraction = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
+        const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(fraction, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (step >> bit & 1u) << (3 * bit + k);
     }
     return curve;
@@ -7811,7 +7842,7 @@ static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
     const size_t bytes = nodes + leaves + records + glows + layers + mirrored;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    double place[3];
+    double position[3];
     int i;
     (void)slice;
     sbl__free(d->base, lamps->codes);
@@ -7829,7 +7860,7 @@ static sbl_result sbl__lamp_trees_store(void *work, sbl__slice *slice) {
             lamps->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
         for (i = 0; i < lamps->light_count; i++)
-            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], place);
+            sbl__light_write(&lamps->lights[i], l->geometry->centre, &record[i], position);
         if (glows) memcpy(all + nodes + leaves + records, lamps->glows, glows);
         if (layers) sbl__lamps_write_layers(lamps, (float *)(void *)(all + bytes - mirrored - layers));
         if (mirrored) memcpy(all + bytes - mirrored, lamps->mirrored, mirrored);
@@ -7901,8 +7932,8 @@ static sbl_result sbl__lamps_step(sbl__device *d, const sbl__geometry *g, const 
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>contacts). At
    first, all cells have the same size, level 0; as the store fills up, new surfaces get wider cells, of level 1 to 3. A
-   ray is near if it is shorter than half a cell, and otherwise far. Near and far rays read separate cells. Leaves in
-   which the light varies are divided by further cuts.
+   ray is short if it is shorter than half a cell, and otherwise long. Short and long rays read separate cells. Leaves
+   in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -8055,7 +8086,7 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
 
 /* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
    sbl__is_short). side: patch word of a triangle's side, with level 0 */
-static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
+static uint32_t sbl__patch_for_long(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
 
@@ -8068,12 +8099,12 @@ static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float
     return bucket && bucket->check == check ? bucket->reference : 0;
 }
 
-/* Returns 1 + the index of the leaf that sbl_leaf_at finds at a position for rays that are not near; 0: no leaf. */
-static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
+/* Returns 1 + the index of the leaf that sbl_leaf_at finds at a position for long rays; 0: no leaf. */
+static uint32_t sbl__store_for_long(const sbl__store *s, uint32_t side, const float position[3]) {
     uint32_t reference = 0;
     int i;
     for (i = 0; !reference && i < 2 * SBL__LEVELS; i++) {
-        reference = sbl__store_peek(s, sbl__patch_from_afar(side, i), position);
+        reference = sbl__store_peek(s, sbl__patch_for_long(side, i), position);
         while (reference >= SBL__CELL_CUT)
             reference = *sbl__cut_side(&s->cuts[reference & ~SBL__CELL_CUT], position);
     }
@@ -8332,7 +8363,7 @@ static const char *const sbl__glsl_store[] = {
 "    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// Returns true if rays of this length read the cells for near rays.\n",
+"// Returns true if rays of this length read the cells for short rays.\n",
 "bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }\n",
 "\n",
 "// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.\n",
@@ -8346,7 +8377,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (sbl_is_short(distance)) patch_word |= SBL_PATCH_SHORT;\n",
 "    uint reference = 0u;\n",
-"    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits\n",
+"    // Each level has cells for short rays and cells for long rays. This loop first tries the kind that suits\n",
 "    // `distance`.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
@@ -8375,7 +8406,7 @@ static const char *const sbl__glsl_store[] = {
 "// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for far rays at this\n",
+"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for long rays at this\n",
 "// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same\n",
 "// parameters; it becomes the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
@@ -8780,8 +8811,8 @@ static const char *const sbl__glsl_surface[] = {
 "};\n",
 "\n",
 "// Smallest distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because\n",
-"// views need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the\n",
-"// extent.\n",
+"// sensors that draw views need this distance. SBL_OFFSET is the distance of sensors from their surface, divided by\n",
+"// reach or by the extent.\n",
 "const float SBL_INSET = 6e-6;\n",
 "\n",
 "sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
@@ -8963,7 +8994,7 @@ typedef struct sbl__glowing {
     sbl__stages stages;
     sbl__device *device;
     sbl__scene *scene;
-    int room;                        /* capacity of scene->bright.glows, in elements */
+    int capacity;                        /* capacity of scene->bright.glows, in elements */
     uint32_t index, patch;           /* current triangle's index in the hierarchy's order; patch word of its side */
     const sbl__bright_cell *cell;    /* the current cell */
     double area;                     /* glows of smaller area are dropped; in square world units */
@@ -9028,7 +9059,7 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
         }
         sbl__cross(u, v, across);
         if (0.5 * sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]) < w->area) continue;
-        if (!sbl__grow(w->device->base, &l->glows, &w->room, l->glow_count + 1, sizeof *l->glows))
+        if (!sbl__grow(w->device->base, &l->glows, &w->capacity, l->glow_count + 1, sizeof *l->glows))
             return SBL_ERROR_OUT_OF_MEMORY;
         glow = &l->glows[l->glow_count++];
         memset(glow, 0, sizeof *glow);
@@ -9045,9 +9076,9 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     return SBL_SUCCESS;
 }
 
-/* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for far rays. Makes glows of
-   its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
-   sbl__patch_from_afar. reference: result of the attempts before it; 0: they found nothing */
+/* Divides a polygon inside a cube of level 0 among the leaves that sbl_leaf_at finds there for long rays. Makes glows
+   of its parts in leaves of the current cell. middle: a position in the cube. attempt: index of the next attempt, see
+   sbl__patch_for_long. reference: result of the attempts before it; 0: they found nothing */
 static sbl_result sbl__glow_split(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
                                  uint32_t reference) {
     const sbl__store *s = &w->scene->store;
@@ -9058,10 +9089,10 @@ static sbl_result sbl__glow_split(sbl__glowing *w, const sbl__polygon *p, const 
     int i;
     if (p->count < 3) return SBL_SUCCESS;
     for (; !reference && attempt < 2 * SBL__LEVELS; attempt++)
-        reference = sbl__store_peek(s, sbl__patch_from_afar(w->patch, attempt), middle);
+        reference = sbl__store_peek(s, sbl__patch_for_long(w->patch, attempt), middle);
     if (!reference) return SBL_SUCCESS;
     if (reference < SBL__CELL_CUT)
-        return sbl__patch_from_afar(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
+        return sbl__patch_for_long(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
                                                                  : SBL_SUCCESS;
     cut = &s->cuts[reference & ~SBL__CELL_CUT];
     for (i = 0; i < 3; i++) normal[i] = (double)cut->normal[i];
@@ -9169,8 +9200,8 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lamps.leaves -
                           (double)sizeof(sbl__light_record) / 16 * s->lamps.light_count;
     const double each = 9 + (double)sizeof(sbl__glow) / 16 + s->light_groups;
-    const double room = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
-    const int most = (int)SBL__MAX(SBL__MIN(room, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
+    const double capacity = s->geometry.wide ? SBL__GLOWS_MOST : texels / each;
+    const int most = (int)SBL__MAX(SBL__MIN(capacity, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
     double least = DBL_MAX;
     int i, kept;
     (void)slice;
@@ -9558,10 +9589,10 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
                                 counted */
 
 /* Ends the check of a list. Later messages name the descriptor, `where`, again. If `wrong`, the number of wrong
-   elements, exceeds SBL__SITES_NAMED, reports the number of the rest. things: plural of an element's name */
-static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
+   elements, exceeds SBL__SITES_NAMED, reports the number of the rest. plural: plural of an element's name */
+static void sbl__check_rest(sbl__check *check, const char *where, const char *plural, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
-    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
+    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, plural);
 }
 
 /* Returns 1 if the site is valid. Otherwise returns 0, and reports the mistakes if `named` is 1. */
@@ -10083,15 +10114,15 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
 
 /* Moves a point on or close to a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
-    double distance2 = 0, share;
+    double distance2 = 0, fraction;
     int i, k;
     for (k = 0; k < 2; k++) {
         double d = 0;
         for (i = 0; i < 3; i++) d += (1 / 3.0 - weights[i]) * t->corners[i][k];
         distance2 += d * d;
     }
-    share = SBL__MIN(SBL__ATLAS_INSET / SBL__MAX(sqrt(distance2), 1e-30), SBL__ATLAS_INSET_MOST);
-    for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
+    fraction = SBL__MIN(SBL__ATLAS_INSET / SBL__MAX(sqrt(distance2), 1e-30), SBL__ATLAS_INSET_MOST);
+    for (i = 0; i < 3; i++) weights[i] += fraction * (1 / 3.0 - weights[i]);
 }
 
 /* Returns how many triangles overlap the triangle that a texel shows, at the texel's centre. A triangle of the same
@@ -10132,7 +10163,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
     const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is an integer, ATLAS_EDGE -
                                                                               n is not */
-    float shares[2];
+    float floats[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, at, i);
         a->away[i] -= 1;
@@ -10142,9 +10173,9 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    shares[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
-    shares[1] = (float)weights[2];
-    memcpy(texel + 1, shares, sizeof shares);
+    floats[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
+    floats[1] = (float)weights[2];
+    memcpy(texel + 1, floats, sizeof floats);
     texel[3] = t->chart + 1;
 }
 
@@ -10469,7 +10500,7 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc; 0: all triangles get their shading normal */
 } sbl__camera;
 
-/* a request to draw a G-buffer */
+/* A request to draw a G-buffer */
 typedef struct sbl__surface_request {
     const sbl__scene *scene;
     const sbl__camera *camera;
@@ -10568,7 +10599,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
    perspective shows the whole scene; an orthographic one shows the part around the scene's centre that view_to_clip
    covers. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
-    static const double way[3] = { 0.35, 0.3, 0.89 };
+    static const double direction[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
     double radius = 0, distance;
     float at[3], eye[3];
@@ -10580,7 +10611,7 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     }
     radius = radius > 0 ? sqrt(radius) : 1;
     distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + zoom * zoom) : 2 * radius;
-    for (k = 0; k < 3; k++) eye[k] = at[k] + (float)(way[k] * distance);
+    for (k = 0; k < 3; k++) eye[k] = at[k] + (float)(direction[k] * distance);
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
@@ -10630,8 +10661,9 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
     const int moving = c->orthographic ? 0 : 3;  /* index in names of the vector that varies with the pixel */
     const int still = 3 - moving;
-    /* x and y, in view space, at 0 0 of the whole picture. Orthographic: of the ray's origin; perspective: of its
-       direction at unit depth, where x = (a * x in NDC + m8) / m0 and a = -m11 */
+    /* x and y, in view space, of the ray through the upper left corner of the whole picture. An orthographic camera has
+       one direction for all rays, and these are coordinates of the ray's origin. A perspective camera has one origin,
+       and these are coordinates of the direction at unit depth: x = (a * x in NDC + m8) / m0, where a = -m11. */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -10744,7 +10776,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__geometry *g = &scene->geometry;
     const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), at = s->stages.at;
     const int band[4] = { 0, s->row, s->visibility.width, SBL__MIN(most, s->visibility.height - s->row) };
-    double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
+    double allowed = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
     int end = at, i, k;
     sbl_result result;
@@ -10761,7 +10793,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
             rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
         rows[i][3] = clip[12 + i];
     }
-    for (; end < g->triangle_count && pixels < room; end++)
+    for (; end < g->triangle_count && pixels < allowed; end++)
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
@@ -10849,7 +10881,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
-"const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine\n",
+"const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal\n",
 "const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass\n",
 "const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors\n",
@@ -10921,16 +10953,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead\n",
-"// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of\n",
-"// light that is reflected. point: uniform point in the unit square from which the direction is sampled\n",
-"vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {\n",
+"// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets weight to the fraction\n",
+"// of light that is reflected. point: uniform point in the unit square from which the direction is sampled\n",
+"vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
 "    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;\n",
 "    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);\n",
-"        mirrored = sbl_lobe_sample(l, point, share);\n",
-"        share *= s.material.opacity;\n",
+"        mirrored = sbl_lobe_sample(l, point, weight);\n",
+"        weight *= s.material.opacity;\n",
 "    }\n",
 "#endif\n",
 "    float below = dot(mirrored, s.geometric_normal);\n",
@@ -10956,13 +10988,13 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// the stored light there. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",
-"    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);\n",
+"    vec3 passing = sbl_passing(s.object, s.material, cosine), weight = vec3(0);\n",
 "    pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;\n",
-"    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
-"    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);\n",
+"    if (pane && s.material.roughness >= 0.0) weight = sbl_lobe_reflected(s.material, cosine, vec3(1));\n",
+"    if (!pane && sbl_is_mirror(s.material)) weight = sbl_mirror_reflectance(s.material, cosine);\n",
 "    sbl_Leaving through = sbl_leaving(s, true, direction, passing);\n",
-"    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);\n",
-"    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);\n",
+"    vec3 mirror_direction = sbl_mirrored(s, direction, point, weight);\n",
+"    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, weight);\n",
 "    aside = mirrored;\n",
 "    if (pane) return through;\n",
 "    aside = through;\n",
@@ -10972,33 +11004,33 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,\n",
 "// through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of\n",
 "// a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.\n",
-"// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored\n",
+"// hits: number of surfaces at which the ray continued before. point: see sbl_mirrored\n",
 "sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {\n",
 "    float cosine = -dot(s.normal, ray.direction);\n",
 "    vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
 "    float most = max(passing.r, max(passing.g, passing.b));\n",
-"    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
+"    bool reflects = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&\n",
 "                  hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;\n",
-"    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;\n",
+"    through = most > 0.0 && hits < SBL_ASIDE_HITS && !reflects;\n",
 "    if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);\n",
-"    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
+"    vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
-"    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
+"    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
 "                 s.material.roughness < SBL_POLISHED;\n",
 "    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);\n",
-"        direction = sbl_lobe_sample(l, point, share);\n",
-"        share *= s.material.opacity * ray.weight;\n",
+"        direction = sbl_lobe_sample(l, point, weight);\n",
+"        weight *= s.material.opacity * ray.weight;\n",
 "    }\n",
 "#endif\n",
-"    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);\n",
-"    return sbl_leaving(s, false, direction, share);\n",
+"    if (dot(direction, s.geometric_normal) <= 0.0) weight = vec3(0);\n",
+"    return sbl_leaving(s, false, direction, weight);\n",
 "}\n",
 "\n",
-"// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.\n",
-"void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {\n",
-"    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);\n",
+"// Adds the stored light that the surface s reflects, times weight. number, only_diffuse: see sbl_stored_radiance\n",
+"void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 weight) {\n",
+"    vec3 light = m.throughput * weight * sbl_stored_radiance(s, number, only_diffuse);\n",
 "    m.emission += light;\n",
 "    m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));\n",
 "}\n",
@@ -11015,22 +11047,22 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;\n",
-"    bool goes_on = true;\n",
-"    int hits = 0;     // number of surfaces at which the ray `aside` has gone on\n",
+"    bool continues = true;\n",
+"    int hits = 0;     // number of surfaces at which the ray `aside` has continued\n",
 "    int panes = 0;    // number of panes that the ray `next` has passed\n",
 "    int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes\n",
-"    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {\n",
+"    while (mirrors < SBL_MIRRORS && (continues || hits > 0)) {\n",
 "        bool is_aside = turn == SBL_ASIDE_RAY;\n",
 "        int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;\n",
 "        vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);\n",
 "        if (is_aside && hits == 0) {\n",
 "            bool pane;\n",
 "            next = sbl_leave_surface(s, m.direction, point, aside, pane);\n",
-"            goes_on = next.weight != vec3(0);\n",
-"            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror\n",
-"            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)\n",
+"            continues = next.weight != vec3(0);\n",
+"            if (continues && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror\n",
+"            for (int once = 0; once < (continues && pane ? 1 : 0); once++)\n",
 "                sbl_show_stored(m, s, m.number, true, vec3(1));\n",
-"            if (goes_on) m.emission += m.throughput * s.emission;\n",
+"            if (continues) m.emission += m.throughput * s.emission;\n",
 "        }\n",
 "        sbl_Leaving ray = next;\n",
 "        if (is_aside) ray = aside;\n",
@@ -11042,7 +11074,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "        if (turn == SBL_CAMERA_RAY) {\n",
 "            sbl_correct(s, m, hit, origin, direction);\n",
-"            goes_on = m.number >= 0;\n",
+"            continues = m.number >= 0;\n",
 "            turn = SBL_ASIDE_RAY;\n",
 "            continue;\n",
 "        }\n",
@@ -11071,12 +11103,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        m.direction = ray.direction;\n",
 "        m.throughput *= ray.weight;\n",
 "        m.sky = is_sky;\n",
-"        goes_on = !is_sky;\n",
+"        continues = !is_sky;\n",
 "        if (is_sky) continue;\n",
 "        m.number = hit.number;\n",
 "        s = found;\n",
 "    }\n",
-"    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);\n",
+"    if (continues && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);\n",
 "    return m;\n",
 "}\n",
 "\n",
@@ -11219,7 +11251,7 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
 /* Mixes a site's normal with the true normal of its triangle, as gbuffer_fragment.glsl does. limit: facet_limit in
    world units */
 static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float limit, sbl_site *site) {
-    double normal[3], longest2 = 0, share;
+    double normal[3], longest2 = 0, fraction;
     const double area = sbl__scene_normal(g, number, normal);
     int i, k;
     for (i = 0; i < 3; i++) {
@@ -11230,10 +11262,10 @@ static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float li
         longest2 = SBL__MAX(longest2, length2);
     }
     if (!(limit > 0) || !(longest2 > 0)) return;
-    share = SBL__MIN(SBL__MAX(2 * area / sqrt(longest2) / (double)limit - 1, 0.0), 1.0);
+    fraction = SBL__MIN(SBL__MAX(2 * area / sqrt(longest2) / (double)limit - 1, 0.0), 1.0);
     for (k = 0; k < 3; k++) {
         const double face = (double)site->geometric_normal[k];
-        normal[k] = face + share * ((double)site->normal[k] - face);
+        normal[k] = face + fraction * ((double)site->normal[k] - face);
     }
     sbl__normalize(normal);
     for (k = 0; k < 3; k++) site->normal[k] = (float)normal[k];
@@ -11453,9 +11485,9 @@ static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__h
    degrees. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
-    double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of the lowest bit of k */
+    double rotation = 0, weight = 0.5;  /* radical inverse of `look` in base 2; weight of the lowest bit of k */
     int k;
-    for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
+    for (k = look; k > 0; k >>= 1, weight *= 0.5) rotation += k & 1 ? weight : 0;
     for (k = 0; k < 3; k++) {
         out->position[k] = site->position[k] + site->offset * site->geometric_normal[k];
         out->normal[k] = site->normal[k];
@@ -11500,12 +11532,12 @@ static void sbl__lobe_fetch(const uint16_t *table, int count, double across, dou
 /* Gets the directional albedo of a specular lobe, as sbl_specular_albedo does. */
 static void sbl__specular_albedo(const float reflectance[3], double roughness, double cosine, float out[3]) {
     const double alpha = roughness * roughness, u = 1 - cosine;
-    double share[2];
+    double entry[2];
     int k;
-    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
-    share[0] /= (double)SBL__LOBE_UNIT;
-    share[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
-    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
+    sbl__lobe_fetch(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, entry);
+    entry[0] /= (double)SBL__LOBE_UNIT;
+    entry[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (entry[0] - entry[1]) + entry[1]);
 }
 
 /* Makes the lobe of a site, as shaders read it. */
@@ -11770,19 +11802,19 @@ static float sbl__guide_smooth(const float *found, int band, int sector) {
 }
 
 /* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals, and writes the start of each as a 16-bit number, two per word.
-   The fraction `even` (0 to 1) of the range is divided equally, the rest in proportion to `shares`. If all shares are
+   The fraction `even` (0 to 1) of the range is divided equally, the rest in proportion to `weights`. If all weights are
    0, the whole range is divided equally. */
-static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
+static void sbl__guide_intervals(const float *weights, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
-    for (i = 0; i < count; i++) all += shares[i];
+    for (i = 0; i < count; i++) all += weights[i];
     if (!(all > 0)) even = 1;
     for (i = 0; i < count; i++) {
-        const double part = all > 0 ? sum / all : 0;
-        const uint32_t begin = (uint32_t)(SBL__GUIDE_STEPS * ((1 - even) * part + even * i / count));
+        const double fraction = all > 0 ? sum / all : 0;
+        const uint32_t begin = (uint32_t)(SBL__GUIDE_STEPS * ((1 - even) * fraction + even * i / count));
         if (i & 1) words[i / 2] |= begin << 16;
         else words[i / 2] = begin;
-        sum += shares[i];
+        sum += weights[i];
     }
 }
 
@@ -11855,10 +11887,14 @@ typedef struct sbl__slots {
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl), or the results of looks. Textures 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the
-   harmonics of red, green and blue light, and 5 (partial sums of rays) holds out_control. For light from lamps, 0 holds
-   the sums, and 1 to 3 the harmonics. In jobs with light groups, the layers follow 1 (light from lamps: 0), see
-   SBL__LAYER_TEXTURES. */
+   trace.glsl), light from lamps (see lamps.glsl), or the results of looks. These are their contents:
+
+       texture          partial sums, results                      light from lamps
+       0                sums                                       sums
+       1                hits
+       the next three   directional jobs: harmonics of red, green and blue light
+       5                partial sums of rays in directional jobs: out_control
+       from 2 on        jobs with light groups: the layers, see SBL__LAYER_TEXTURES (light from lamps: from 1 on) */
 #define SBL__BLOCKS 8
 typedef struct sbl__blocks {
     sbl__texture textures[SBL__BLOCKS];
@@ -11905,11 +11941,12 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; room: capacity of the
+/* Sends looks or their lobes to a table for shaders that trace rays. bytes: size of a struct; capacity: capacity of the
    table, in structs */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
-                                  int room) {
-    const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
+                                  int capacity) {
+    const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)capacity, looks,
+                                                 bytes * (size_t)count);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
@@ -11918,51 +11955,51 @@ static const char *const sbl__glsl_layers[] = {
 "// SBL_GROUPS is the number of light groups; it is undefined if light groups are not measured. Programs sum the\n",
 "// light of each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a\n",
 "// to f: their indices for SBL_OUT. sbl_write_layers writes the layers to the outputs, one after the other.\n",
-"// SBL_PART_n(x) is x if output n is needed, otherwise nothing.\n",
+"// SBL_IF_n(x) is x if output n is needed, otherwise nothing.\n",
 "#ifdef SBL_GROUPS\n",
-"#define SBL_PART_0(x) x\n",
+"#define SBL_IF_0(x) x\n",
 "#if SBL_GROUPS >= 2\n",
-"#define SBL_PART_1(x) x\n",
+"#define SBL_IF_1(x) x\n",
 "#else\n",
-"#define SBL_PART_1(x)\n",
+"#define SBL_IF_1(x)\n",
 "#endif\n",
 "#if SBL_GROUPS >= 3\n",
-"#define SBL_PART_2(x) x\n",
+"#define SBL_IF_2(x) x\n",
 "#else\n",
-"#define SBL_PART_2(x)\n",
+"#define SBL_IF_2(x)\n",
 "#endif\n",
 "#if SBL_GROUPS >= 5\n",
-"#define SBL_PART_3(x) x\n",
+"#define SBL_IF_3(x) x\n",
 "#else\n",
-"#define SBL_PART_3(x)\n",
+"#define SBL_IF_3(x)\n",
 "#endif\n",
 "#if SBL_GROUPS >= 6\n",
-"#define SBL_PART_4(x) x\n",
+"#define SBL_IF_4(x) x\n",
 "#else\n",
-"#define SBL_PART_4(x)\n",
+"#define SBL_IF_4(x)\n",
 "#endif\n",
 "#if SBL_GROUPS >= 7\n",
-"#define SBL_PART_5(x) x\n",
+"#define SBL_IF_5(x) x\n",
 "#else\n",
-"#define SBL_PART_5(x)\n",
+"#define SBL_IF_5(x)\n",
 "#endif\n",
 "#define SBL_OUT_LAYERS(a, b, c, d, e, f) \\\n",
-"    SBL_PART_0(SBL_OUT(a, out_layers_0);) SBL_PART_1(SBL_OUT(b, out_layers_1);) \\\n",
-"    SBL_PART_2(SBL_OUT(c, out_layers_2);) SBL_PART_3(SBL_OUT(d, out_layers_3);) \\\n",
-"    SBL_PART_4(SBL_OUT(e, out_layers_4);) SBL_PART_5(SBL_OUT(f, out_layers_5);)\n",
+"    SBL_IF_0(SBL_OUT(a, out_layers_0);) SBL_IF_1(SBL_OUT(b, out_layers_1);) \\\n",
+"    SBL_IF_2(SBL_OUT(c, out_layers_2);) SBL_IF_3(SBL_OUT(d, out_layers_3);) \\\n",
+"    SBL_IF_4(SBL_OUT(e, out_layers_4);) SBL_IF_5(SBL_OUT(f, out_layers_5);)\n",
 "#define sbl_write_layers(l) \\\n",
-"    SBL_PART_0(sbl_write(out_layers_0, sbl_layers_texel(l, 0));) \\\n",
-"    SBL_PART_1(sbl_write(out_layers_1, sbl_layers_texel(l, 1));) \\\n",
-"    SBL_PART_2(sbl_write(out_layers_2, sbl_layers_texel(l, 2));) \\\n",
-"    SBL_PART_3(sbl_write(out_layers_3, sbl_layers_texel(l, 3));) \\\n",
-"    SBL_PART_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \\\n",
-"    SBL_PART_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)\n",
+"    SBL_IF_0(sbl_write(out_layers_0, sbl_layers_texel(l, 0));) \\\n",
+"    SBL_IF_1(sbl_write(out_layers_1, sbl_layers_texel(l, 1));) \\\n",
+"    SBL_IF_2(sbl_write(out_layers_2, sbl_layers_texel(l, 2));) \\\n",
+"    SBL_IF_3(sbl_write(out_layers_3, sbl_layers_texel(l, 3));) \\\n",
+"    SBL_IF_4(sbl_write(out_layers_4, sbl_layers_texel(l, 4));) \\\n",
+"    SBL_IF_5(sbl_write(out_layers_5, sbl_layers_texel(l, 5));)\n",
 "\n",
-"// Returns floats 4 * part to 4 * part + 3 of the layers, or 0 beyond their end.\n",
-"vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int part) {\n",
+"// Returns floats 4 * texel to 4 * texel + 3 of the layers, or 0 beyond their end.\n",
+"vec4 sbl_layers_texel(vec3 layers[SBL_GROUPS], int texel) {\n",
 "    vec4 floats = vec4(0);\n",
 "    for (int k = 0; k < 4; k++)\n",
-"        if (4 * part + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * part + k) / 3][(4 * part + k) % 3];\n",
+"        if (4 * texel + k < 3 * SBL_GROUPS) floats[k] = layers[(4 * texel + k) / 3][(4 * texel + k) % 3];\n",
 "    return floats;\n",
 "}\n",
 "#else\n",
@@ -12005,8 +12042,8 @@ static const char *const sbl__glsl_invocation[] = {
 "// the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R\n",
 "// includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
-"    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
+"    vec3 scaled = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1\n",
+"    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * scaled.yzx);\n",
 "}\n",
 "\n",
 "#ifdef SBL_COMPUTE\n",
@@ -12017,8 +12054,8 @@ static const char *const sbl__glsl_invocation[] = {
 "\n",
 "ivec2 sbl_texel_of_invocation() {\n",
 "    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y;\n",
-"    int slot = first_slot + i / size, part = i % size;\n",
-"    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
+"    int slot = first_slot + i / size, block = i % size;\n",
+"    return ivec2(slot % columns, slot / columns) * blocks + ivec2(block % blocks.x, block / blocks.x);\n",
 "}\n",
 "#else\n",
 "#define SBL_OUT(number, name) layout(location = number) out vec4 name\n",
@@ -12051,12 +12088,12 @@ static const char *const sbl__glsl_invocation[] = {
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples and point
                                       lights */
 
-/* resources for rays towards lamps */
+/* Resources for rays towards lamps */
 typedef struct sbl__aim {
-    int parts;                     /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
+    int invocations;               /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
-    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels. Each texel is an
-                                      estimate from one part of the look's rays; the mean of the texels is the result */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `invocations` texels, each an
+                                      estimate from the rays of one invocation; the mean of the texels is the result */
 } sbl__aim;
 
 /* Returns the maximum number of rays per invocation, 1 to `limit`. iterations: limit of the expected number of loop
@@ -12101,14 +12138,14 @@ static int sbl__morton_order(const void *first, const void *second) {
    `sections`, each of which covers the unit square evenly, in Morton order. The caller frees the result. NULL: no
    memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
-    const size_t count = (size_t)rays, parts = (size_t)sections;
+    const size_t count = (size_t)rays, section_count = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
     size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
     for (look = 0; look < (size_t)looks; look++)
-        for (k = 0; k < parts; k++) {
-            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+        for (k = 0; k < section_count; k++) {
+            const size_t from = count * k / section_count, to = count * (k + 1) / section_count;
             if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
@@ -12150,17 +12187,18 @@ static int sbl__aim_invocations(const sbl__spec *spec, const sbl__hierarchy *h) 
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Sets a->parts. If looks have rays to lamps, makes the sequence (one section per part and pass) and the outputs. */
+/* Sets a->invocations. If looks have rays to lamps, makes the sequence (one section per invocation and pass) and the
+   outputs. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->parts = sbl__aim_invocations(spec, h);
+    a->invocations = sbl__aim_invocations(spec, h);
     if (!spec->lamp_rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->invocations);
     if (result != SBL_SUCCESS) return result;
     return sbl__blocks_make(d, &a->light, (spec->directional ? 4 : 1) + SBL__LAYER_TEXTURES(spec->groups),
-                            slots->columns, rows * a->parts);
+                            slots->columns, rows * a->invocations);
 }
 
 /* Sets the uniforms common to all programs for sensors' rays. blocks: size of a look's rectangle of invocations */
@@ -12227,9 +12265,10 @@ static const char *const sbl__glsl_lamp[] = {
 "}\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
-"float above;                 // distance of `ray_origin` from the surface\n",
-"mat3 to_frame;               // the sensor's frame, for closed forms\n",
+"// The sensor: origin of its rays; position on the surface, for closed forms; normal\n",
+"vec3 ray_origin, position, sensor_normal;\n",
+"float above;     // distance of `ray_origin` from the surface\n",
+"mat3 to_frame;   // the sensor's frame, for closed forms\n",
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
@@ -12284,7 +12323,8 @@ static const char *const sbl__glsl_lamp[] = {
 "            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)\n",
 "            float spot = clamp(sbl_light_spot_offset(int(at)) -\n",
 "                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light\n",
+"            // The sensor may be inside the light.\n",
+"            if (l.away < l.radius) { l.corner = sensor_normal; l.away = l.radius; spot = 1.0; }\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
@@ -12358,18 +12398,18 @@ static const char *const sbl__glsl_lamp[] = {
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
+"    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(sensor_normal, l.corner), l.sine2) / SBL_PI;\n",
 "    if (sbl_is_texel(l))\n",
-"        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
+"        factor = max(dot(sensor_normal, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
 "// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its\n",
-"// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part\n",
-"// along the normal is approximate.\n",
+"// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along\n",
+"// the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
-"    vec3 way = vec3(0);\n",
+"    vec3 integral = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 a = to_frame * l.corner, kept[4];\n",
 "        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);\n",
@@ -12382,7 +12422,7 @@ static const char *const sbl__glsl_lamp[] = {
 "        for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)\n",
 "            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);\n",
 "            float size = length(across);\n",
-"            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
+"            integral += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
 "        }\n",
 "        for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983\n",
 "            vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));\n",
@@ -12390,15 +12430,15 @@ static const char *const sbl__glsl_lamp[] = {
 "                            dot(r, p) * lengths.y;\n",
 "            solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);\n",
 "        }\n",
-"        way = transpose(to_frame) * way * sign(solid_angle);\n",
+"        integral = transpose(to_frame) * integral * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness\n",
-"        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
+"    if (sbl_is_light(l)) {  // solid_angle and integral are divided by pi * sine2, to match l.brightness\n",
+"        float z = dot(sensor_normal, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
-"        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;\n",
+"        integral = shown * (l.corner - z * sensor_normal) + sbl_lamp_round(z, l.sine2) * sensor_normal;\n",
 "    }\n",
-"    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
+"    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * integral.yzx), l.brightness);\n",
 "}\n",
 "\n",
 "// >>clusters\n",
@@ -12421,13 +12461,13 @@ static const char *const sbl__glsl_lamp[] = {
 "// gives the sensor any light.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
-"    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
-"    float height = dot(n, c.to);\n",
-"    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the\n",
-"    // sensor.\n",
-"    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);\n",
+"    float distance2 = max(dot(c.to, c.to), 1e-37), sine = min(c.radius * inversesqrt(distance2), 1.0);\n",
+"    float height = dot(sensor_normal, c.to);\n",
+"    // The normal of a distant lamp is the direction towards it, so its product with -sensor_normal is the cosine\n",
+"    // at the sensor.\n",
+"    vec3 w = c.distant ? -sensor_normal : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
-"                  0.1 * sbl_lamp_node_power(node) * spread;\n",
+"                  0.1 * sbl_lamp_node_power(node) * sine;\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
 "    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
 "                 max(distance2, c.radius * c.radius);\n",
@@ -12505,7 +12545,7 @@ static const char *const sbl__glsl_lamp[] = {
 "            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
 "        }\n",
 "    }\n",
-"    s.light *= max(dot(n, s.direction), 0.0);\n",
+"    s.light *= max(dot(sensor_normal, s.direction), 0.0);\n",
 "    return s;\n",
 "}\n",
 "\n",
@@ -12537,11 +12577,11 @@ static const char *const sbl__glsl_lamp[] = {
 "    for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
 "        float weight = sbl_strength(node + 1, left);\n",
-"        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
-"        bool first = p.u.x < share;\n",
+"        float probability = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
+"        bool first = p.u.x < probability;\n",
 "        node = first ? node + 1 : left.beyond;\n",
-"        p.chance *= first ? share : 1.0 - share;\n",
-"        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
+"        p.chance *= first ? probability : 1.0 - probability;\n",
+"        p.u.x = first ? p.u.x / probability : (p.u.x - probability) / (1.0 - probability);\n",
 "    }\n",
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
@@ -12580,24 +12620,25 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually\n",
-"// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.\n",
+"// The rays of a look are divided among `blocks.y` invocations. An invocation usually stops when its rays agree\n",
+"// (see SBL_PASS_CHANCE). With SBL_INSPECT, an invocation reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl\n",
 "uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points\n",
 "uniform float scale;                  // factor from R to the output\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the measurement divided a look's rays\n",
+"uniform int invocations;              // number of invocations that measured the look, see sbl__aim\n",
 "uniform int sheet_slot;               // slot of the look's views in the view texture\n",
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
+"SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance\n",
-"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
-"SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale\n",
+"SBL_OUT(0, out_light);                // rgb: R that the invocation's rays measure * scale; a: variance of its\n",
+"                                      // luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the invocation's light * scale\n",
+"SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the invocation's light * scale\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
 "#else\n",
@@ -12611,9 +12652,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one\n",
-"                                    // facing does not use the ratio seen / open for these lamps, because\n",
-"                                    // the ratio of few rays is biased\n",
+"const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
+"                                    // of one facing does not use the ratio seen / open for these lamps,\n",
+"                                    // because the ratio of few rays is biased\n",
 "#else\n",
 "const float SBL_SPARSE = 16.0;\n",
 "#endif\n",
@@ -12652,7 +12693,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// at a point closer to the middle of the triangle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float rotation = sbl_look_rotation(look);\n",
-"    mat3 frame = sbl_frame(n);\n",
+"    mat3 frame = sbl_frame(sensor_normal);\n",
 "    vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];\n",
 "    vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];\n",
 "    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
@@ -12661,11 +12702,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {\n",
 "        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
-"        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
+"        bool top = max(abs(side.x), abs(side.y)) <= dot(point, sensor_normal) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
 "        if (!top && view_count == 1) return true;\n",
-"        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];\n",
-"        vec3 up = top ? side_y : n;\n",
+"        vec3 forward = top ? sensor_normal : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];\n",
+"        vec3 up = top ? side_y : sensor_normal;\n",
 "        vec4 rect = view_rects[face];\n",
 "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;\n",
 "        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
@@ -12702,7 +12743,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
 "                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
 "                             // the other\n",
-"bool rounded = false;        // true: some of the considered lamps are not triangles\n",
+"bool any_round = false;      // true: some of the considered lamps are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light\n",
 "#ifdef SBL_GROUPS\n",
 "vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1\n",
@@ -12710,9 +12751,9 @@ static const char *const sbl__glsl_lamps[] = {
 "// Adds the light of a lamp to sums ordered like whole_layers.\n",
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
-"        vec3 part = light * sbl_lamp_layer_fraction(l, g);\n",
-"        sums[g] += l.facing.x * part;\n",
-"        sums[SBL_GROUPS + g] += l.facing.y * part;\n",
+"        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);\n",
+"        sums[g] += l.facing.x * group_light;\n",
+"        sums[SBL_GROUPS + g] += l.facing.y * group_light;\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -12738,7 +12779,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
-"    float length2 = dot(w, w), cosine = dot(direction, n);\n",
+"    float length2 = dot(w, w), cosine = dot(direction, sensor_normal);\n",
 "    return cosine > 0.0 ? max(w.z, 0.0) * abs(determinant(to_frame)) / (length2 * length2 * cosine) : 0.0;\n",
 "}\n",
 "#endif\n",
@@ -12762,7 +12803,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    full = false;\n",
 "    if (!single) {\n",
 "        sbl_Cluster c = sbl_cluster(i);\n",
-"        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
+"        if (dot(sensor_normal, c.to) + c.radius <= 0.0) next = c.beyond;\n",
 "        else if (c.beyond == i + 1) {\n",
 "            single = true;\n",
 "            leaf = int(sbl_lamp_node_first_leaf(i));\n",
@@ -12776,7 +12817,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_expected(l);\n",
 "        strength = light.r + light.g + light.b;\n",
-"        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
+"        any_round = any_round || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
 "        if (!point && sbl_has_closed_form(l)) {\n",
 "            whole += outerProduct(light, l.facing);\n",
@@ -12841,7 +12882,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).\n",
 "mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with\n",
 "                                              // it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // see above\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
 "// Textures and panes multiply the luminance of each ray in `lit` by a factor. By facing: the sum of these factors,\n",
@@ -12860,8 +12901,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 open_layers[2 * SBL_GROUPS], seen_layers[2 * SBL_GROUPS];  // layers of `open` and of `seen`, see whole_layers\n",
 "vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of `sure` and of `sampled`\n",
 "#endif\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way\n",
-"bool reporting;                               // true: sbl_shoot reports its ray\n",
+"vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction\n",
+"bool reporting;                                     // true: sbl_shoot reports its ray\n",
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
@@ -12878,7 +12919,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 either = light + unhindered;\n",
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
 "    if (directional)\n",
-"        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
+"        to_harmonics = sbl_harmonics(s.direction, sensor_normal,\n",
+"                                     1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
 "        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);\n",
 "        open += outerProduct(unhindered, l.facing);\n",
@@ -12900,7 +12942,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
-"        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
+"        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) blocked += l.facing;\n",
@@ -12987,7 +13029,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
+"        vec3 visible = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        float rays_counted = samples[g];\n",
@@ -12997,18 +13039,18 @@ static const char *const sbl__glsl_lamps[] = {
 "        rays_counted = all * all / max(lobe_squares[g], 1e-30);\n",
 "#endif\n",
 "        if (sparse[g] > 0.0) continue;\n",
-"        r.light.rgb += whole[g] * share;\n",
-"        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
+"        r.light.rgb += whole[g] * visible;\n",
+"        // Harmonics: the closed form times `visible`, plus the deviation from it that the rays measured.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
-"                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
-"                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
+"                r.harmonics[k] += visible[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
+"                                  (seen_harmonics[g][k] - visible[k] * open_harmonics[g][k]);\n",
 "#ifdef SBL_GROUPS\n",
-"        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.\n",
+"        // Layers: like harmonics. The deviations of all layers add up to 0, because `visible` is seen / open.\n",
 "        vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        for (int i = 0; i < SBL_GROUPS; i++)\n",
-"            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
-"                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);\n",
+"            r.layers[i] += visible * whole_layers[g * SBL_GROUPS + i] + per_ray *\n",
+"                           (seen_layers[g * SBL_GROUPS + i] - visible * open_layers[g * SBL_GROUPS + i]);\n",
 "#endif\n",
 "#if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)\n",
 "        // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.\n",
@@ -13047,8 +13089,8 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Returns true with the probability SBL_PASS_CHANCE.\n",
-"bool sbl_goes_on(int part) {\n",
-"    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;\n",
+"bool sbl_makes_all_passes(int invocation) {\n",
+"    uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;\n",
 "    hash = (hash ^ hash >> 16) * 2246822519u;\n",
 "    return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;\n",
 "}\n",
@@ -13058,23 +13100,24 @@ static const char *const sbl__glsl_lamps[] = {
 "    int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report\n",
 "    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`\n",
 "#ifdef SBL_INSPECT\n",
-"    int part = 0, slot = sheet_slot;\n",
+"    int invocation = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
-"    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
-"    if (wanted >= rays) part = certain_ray % parts;\n",
+"    while (wanted < rays && invocation + 1 < invocations && (invocation + 1) * rays / invocations <= wanted)\n",
+"        invocation++;\n",
+"    if (wanted >= rays) invocation = certain_ray % invocations;\n",
 "    look = 0;\n",
 "#else\n",
-"    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
+"    int invocations = blocks.y, invocation = at.y % invocations, slot = at.y / invocations * columns + at.x;\n",
 "    look = slot - first_slot;\n",
 "    if (look < 0 || look >= count) sbl_leave;\n",
 "#endif\n",
-"    n = sbl_look_normal(look);\n",
+"    sensor_normal = sbl_look_normal(look);\n",
 "    ray_origin = sbl_look_position(look);\n",
 "    above = sbl_look_offset(look);\n",
-"    position = ray_origin - above * n;\n",
-"    to_frame = transpose(sbl_frame(n));\n",
+"    position = ray_origin - above * sensor_normal;\n",
+"    to_frame = transpose(sbl_frame(sensor_normal));\n",
 "#ifdef SBL_LOBE\n",
-"    sbl_lobe_begin(look, n);\n",
+"    sbl_lobe_begin(look, sensor_normal);\n",
 "    to_frame = sbl_lobe_to_cosine(look);\n",
 "#endif\n",
 "    uint hash = sbl_look_lamp_scramble(look);\n",
@@ -13083,37 +13126,38 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_choose();\n",
 "    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);\n",
-"        report_way.w = float(entries[wanted - rays]);\n",
+"        report_direction.w = float(entries[wanted - rays]);\n",
 "    }\n",
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < 2 * SBL_GROUPS; g++)\n",
 "        open_layers[g] = seen_layers[g] = sure_layers[g] = sampled_layers[g] = vec3(0);\n",
 "#endif\n",
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
-"    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
+"    float enough = SBL_SPARSE * float(invocations) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
 "    // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.\n",
-"    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
+"    int passes = sbl_pass_count(), rims = any_round ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
-"    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);\n",
+"    bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);\n",
 "    sbl_Result early;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
-"        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.\n",
-"        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
+"        // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square\n",
+"        // evenly.\n",
+"        int section = SBL_LAMP_PASSES * invocation, sections = SBL_LAMP_PASSES * invocations;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
 "        int from = int(uint((section + pass * stretch) * rays) / uint(sections));\n",
 "        int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;\n",
 "        bool point = pass < 0;\n",
-"        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
-"        for (int k = start; k < end; k += point ? parts : 1) {\n",
+"        int start = point ? invocation : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
+"        for (int k = start; k < end; k += point ? invocations : 1) {\n",
 "            bool at_rim = pass == 0 && k < from;\n",
 "            uint rim_index = uint(from - 1 - k);\n",
 "            int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
 "            vec2 u = sbl_unit_square(fraction);\n",
-"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
+"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(invocations) : 1.0, u, false);\n",
 "            if (at_rim) entry = entries[rim_index / uint(rims)];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
 "            if (at_rim && entry < 0) continue;\n",
@@ -13127,24 +13171,24 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
 "            if (corner) {\n",
-"                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
+"                vec3 to_sample = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
 "                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
-"                s.distance = length(way);\n",
-"                s.direction = way / s.distance;\n",
-"                s.light = vec3(dot(way, n));\n",
+"                s.distance = length(to_sample);\n",
+"                s.direction = to_sample / s.distance;\n",
+"                s.light = vec3(dot(to_sample, sensor_normal));\n",
 "            }\n",
 "            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
 "            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (point || stopped) continue;\n",
 "        undecided = sbl_undecided();\n",
-"        if (undecided || !goes_on || pass + 1 == passes) continue;\n",
+"        if (undecided || !all_passes || pass + 1 == passes) continue;\n",
 "        early = sbl_combine();\n",
 "        undecided = stopped = true;\n",
 "    }\n",
 "#ifdef SBL_INSPECT\n",
 "    sbl_write(out_light, vec4(report.rgb * unit, report.a));\n",
-"    sbl_write(out_way, report_way);\n",
+"    sbl_write(out_direction, report_direction);\n",
 "#else\n",
 "    sbl_Result r;\n",
 "    if (stopped) r = sbl_combine_after(early);\n",
@@ -13215,32 +13259,33 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the view texture's part for stuck tests, in texels */
 
 /* How looks of one kind (at a site, or stuck tests) are divided into views: directions, projections and positions */
-typedef struct sbl__lens {
+typedef struct sbl__sheets {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture; each contains the sheet of one look */
     int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height in texels */
     sbl__texture weights;       /* per texel of a sheet: weight, and ratio of distance to depth, see sbl__weights_row */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
-} sbl__lens;
+} sbl__sheets;
 
-/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK, a stuck test, looks from a sensor at its surface. */
-enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
+/* Kinds of looks: SBL__LOOK_SITE measures light; SBL__LOOK_STUCK, a stuck test, looks from a sensor at its surface. */
+enum { SBL__LOOK_SITE, SBL__LOOK_STUCK, SBL__LOOK_KINDS };
 
 typedef struct sbl__raster {
-    sbl__lens lenses[SBL__LENSES];
+    sbl__sheets sheets[SBL__LOOK_KINDS];
     sbl__texture view_texture, depth;
     sbl__target target;
     sbl__buffer views;
     float radiance_scale;      /* value in the view texture per unit of radiance */
-    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them, else NULL */
+    float *weights, *directions;  /* texels of the textures sbl__sheets.weights and .directions while sbl__raster_weigh
+                                     computes them; otherwise NULL */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     int i;
-    for (i = 0; i < SBL__LENSES; i++) {
-        sbl__texture_delete(d, &r->lenses[i].weights);
-        sbl__texture_delete(d, &r->lenses[i].directions);
+    for (i = 0; i < SBL__LOOK_KINDS; i++) {
+        sbl__texture_delete(d, &r->sheets[i].weights);
+        sbl__texture_delete(d, &r->sheets[i].directions);
     }
     sbl__target_delete(d, &r->target);
     sbl__texture_delete(d, &r->view_texture);
@@ -13250,43 +13295,44 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__free(d->base, r->directions);
 }
 
-/* Computes the slots and the area of a lens. They fit into a square of view_texture_size texels, or of the size of one
-   sheet if that is larger, up to the driver's limit `most`. If a sheet exceeds the limit, the lens has 0 slots. */
-static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
-    const sbl__layout *l = &lens->layout;
+/* Computes `slots` and `area`, for slots that each contain the sheet of one look. They fit into a square of
+   view_texture_size texels, or of the size of one sheet if that is larger, up to the driver's limit `most`. If a sheet
+   exceeds the limit, there are 0 slots. */
+static void sbl__sheets_fit(sbl__sheets *sheets, int view_texture_size, int most) {
+    const sbl__layout *l = &sheets->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
     const int columns = size / pitch[0];
     int rows = size / pitch[1];
     if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
-    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
-    lens->slots.columns = columns;
-    lens->slots.count = columns * rows;
-    lens->area[2] = columns * pitch[0];
-    lens->area[3] = rows * pitch[1];
+    memcpy(sheets->slots.blocks, l->blocks, sizeof l->blocks);
+    sheets->slots.columns = columns;
+    sheets->slots.count = columns * rows;
+    sheets->area[2] = columns * pitch[0];
+    sheets->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture and the textures of partial sums. Returns SBL_ERROR_UNSUPPORTED if a sheet is too large. */
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
-    sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
+    sbl__sheets *sheets = &r->sheets[SBL__LOOK_SITE], *stuck = &r->sheets[SBL__LOOK_STUCK];
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
-    sbl__layout_make(&lens->layout, spec->hemicube, spec->size, spec->fov);
+    sbl__layout_make(&sheets->layout, spec->hemicube, spec->size, spec->fov);
     sbl__layout_make(&stuck->layout, 0, SBL__STUCK_SIZE, SBL__STUCK_FOV);
-    sbl__lens_fit(lens, spec->view_texture_size, most);
-    sbl__lens_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
-    if (lens->slots.count < 1) {
+    sbl__sheets_fit(sheets, spec->view_texture_size, most);
+    sbl__sheets_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
+    if (sheets->slots.count < 1) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, but "
-                 "the driver's limit is %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
-                 sbl__layout_pitch(&lens->layout, 1), most);
+                 "the driver's limit is %d; use a smaller sensor_size", spec->size,
+                 sbl__layout_pitch(&sheets->layout, 0), sbl__layout_pitch(&sheets->layout, 1), most);
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
-        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
+        size[k] = SBL__MAX(sheets->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(sheets->area[2 + k] / sheets->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
@@ -13299,13 +13345,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels and, for directional lightmaps, their directions, row by row, and uploads
+/* Computes the weights of a sheet's texels and, for directional lightmaps, their directions, row by row, and uploads
    them. Returns SBL_UNFINISHED if the slice ends before they are complete. */
-static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
+static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__sheets *sheets, const sbl__spec *spec,
                                     const sbl__slice *slice) {
-    const sbl__layout *l = &lens->layout;
+    const sbl__layout *l = &sheets->layout;
     const int width = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    const int paper = spec->paper && lens == &r->lenses[SBL__LENS_SITE];
+    const int paper = spec->paper && sheets == &r->sheets[SBL__LOOK_SITE];
     sbl_result result;
     if (!r->weights) r->weights = (float *)sbl__alloc(d->base, (size_t)width * (size_t)height, 8);
     if (!r->directions && spec->directional)
@@ -13317,11 +13363,11 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    result = sbl__texture_make(d, &sheets->weights, width, height, SBL__GL_RG32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &sheets->weights, 0, height, r->weights);
     if (result == SBL_SUCCESS && spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+        result = sbl__texture_make(d, &sheets->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &sheets->directions, 0, height, r->directions);
     }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
@@ -13354,13 +13400,13 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
-"out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
+"out vec3 fragment_from_sensor;              // only with SBL_BOUNCED: vector from the sensor to the surface\n",
 "out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface in world space\n",
 "\n",
 "void main() {\n",
 "    int number = int(object);\n",
 "#ifdef SBL_BOUNCED\n",
-"    fragment_way = position - view_eye;\n",
+"    fragment_from_sensor = position - view_eye;\n",
 "    fragment_position = position;\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -13399,7 +13445,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"in vec3 fragment_way, fragment_position;\n",
+"in vec3 fragment_from_sensor, fragment_position;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in scene extents\n",
 "const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, in texels\n",
@@ -13428,9 +13474,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
 "    int number = first_triangle + gl_PrimitiveID;\n",
-"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
+"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));\n",
 "    vec3 light = sbl_light_of(leaf);\n",
-"    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));\n",
+"    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));\n",
 "    sbl_Material material = sbl_material(fragment_object, at);\n",
 "    radiance += radiance_scale * sbl_reflected_beside(material, light, glow);\n",
 "#endif\n",
@@ -13493,10 +13539,10 @@ static const sbl__input sbl__view_inputs[] = {
 
 /* Clears whole rows of slots, at least the first `slots` slots, to the radiance sbl_scene_desc.sky and the farthest
    depth. Later, sbl__raster_sky draws the environment's picture into them. */
-static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
+static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
                               const sbl__scene *scene, int slots) {
-    const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int rows = (slots + sheets->slots.columns - 1) / sheets->slots.columns;
+    const int used[4] = { 0, 0, sheets->area[2], rows * sbl__layout_pitch(&sheets->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -13505,41 +13551,42 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
 }
 
 /* Gets the lowest x and y of a slot's sheet in the view texture, in texels. */
-static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
-    corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
-    corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
+static void sbl__raster_corner(const sbl__sheets *sheets, int slot, int corner[2]) {
+    corner[0] = slot % sheets->slots.columns * sbl__layout_pitch(&sheets->layout, 0);
+    corner[1] = slot / sheets->slots.columns * sbl__layout_pitch(&sheets->layout, 1);
 }
 
-static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    const sbl__layout *l = &lens->layout;
+static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__sheets *sheets,
+                                   const sbl__batch *b) {
+    const sbl__layout *l = &sheets->layout;
     const size_t count = (size_t)b->count * (size_t)l->view_count;
-    const size_t room = (size_t)lens->slots.count * (size_t)l->view_count;
+    const size_t capacity = (size_t)sheets->slots.count * (size_t)l->view_count;
     sbl__view *views = (sbl__view *)sbl__alloc_raw(d->base, count, sizeof *views);
     sbl_result result;
     int i, face, corner[2];
     if (!views) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
-            sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
+            sbl__raster_corner(sheets, b->slot + i, corner);
+            sbl__view_make(l, &b->looks[i], face, corner, sheets->area + 2, &views[i * l->view_count + face]);
         }
-    result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
+    result = sbl__buffer_stream(d, &r->views, capacity * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
     return result;
 }
 
 /* Fills the draw callback's description of a view, except the fields that sbl__host_draw sets. number: index of the
    view in b */
-static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
+static void sbl__raster_view(const sbl__raster *r, const sbl__sheets *sheets, const sbl__batch *b, int number,
                              sbl_draw_view *v) {
-    const sbl__layout *l = &lens->layout;
+    const sbl__layout *l = &sheets->layout;
     const int i = number / l->view_count, face = number % l->view_count, *rect = l->rects[face];
     const sbl__look *look = &b->looks[i];
     const double per_length = 1 / (double)b->scene->geometry.extent;
     double right[3], up[3], forward[3];
     int corner[2], k;
     memset(v, 0, sizeof *v);
-    sbl__raster_corner(lens, b->slot + i, corner);
+    sbl__raster_corner(sheets, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
     for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
@@ -13568,45 +13615,46 @@ static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const 
 }
 
 /* Draws the environment's picture. The scene's vertex array must have the attributes of the views. */
-static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
+static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
+                                  const sbl__batch *b) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__pass(d, &r->target, lens->area, NULL, 0);
+    sbl__pass(d, &r->target, sheets->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * lens->layout.view_count);
+    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * sheets->layout.view_count);
     return SBL_SUCCESS;
 }
 
 /* Draws the triangles first .. end - 1 of the scene to all views of a batch. If first is 0, also draws the sky's
    picture, unless spec.paper is 1. If end is the triangle count, also calls the host's draw callback for each view. */
-static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
+static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__sheets *sheets, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
-    const int views = b->count * lens->layout.view_count;
+    const int views = b->count * sheets->layout.view_count;
     sbl_result result = SBL_SUCCESS;
     sbl_draw_view view;
     int i;
-    if (first == 0) result = sbl__raster_send(d, r, lens, b);
+    if (first == 0) result = sbl__raster_send(d, r, sheets, b);
     if (result != SBL_SUCCESS) return result;
     sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b);
+    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, sheets, b);
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
-        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, sheets->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", !b->spec->paper);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
+        sbl__set_vec2(d, "view_texture_size", (float)sheets->area[2], (float)sheets->area[3]);
         sbl__set_int(d, "first_triangle", first);
         if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
         sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
-        sbl__raster_view(r, lens, b, i, &view);
+        sbl__raster_view(r, sheets, b, i, &view);
         sbl__host_draw(d, &r->target, b->scene->draw, &view, b->scene->draw_user);
     }
     return result;
@@ -13614,7 +13662,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
 
 /* Gives lamps.glsl access to the views, because only views show whether the host's own geometry hides a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
-    const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
+    const sbl__layout *l = &r->sheets[SBL__LOOK_SITE].layout;
     int i, k;
     sbl__bind(d, "view_texture", &r->view_texture);
     for (i = 0; i < l->view_count; i++) {
@@ -13638,7 +13686,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform int block;               // width and height of a block, in texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
 "SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
@@ -13655,8 +13703,8 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
-"            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
-"            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
+"            vec3 d = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
+"            vec4 to_harmonics = sbl_harmonics(frame * d, frame[2], 1.0 / max(d.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
@@ -13681,19 +13729,19 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
 };
 
 /* Computes the partial sums of rows[1] rows of slots, from row rows[0] on. looks: NULL if the job is not directional */
-static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
-                                     const sbl__table *looks, const int rows[2]) {
-    const sbl__layout *l = &lens->layout;
+static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__sheets *sheets,
+                                     const sbl__blocks *b, const sbl__table *looks, const int rows[2]) {
+    const sbl__layout *l = &sheets->layout;
     const sbl_result result = sbl__use(d, &sbl__recipe_reduce_blocks, looks ? (unsigned)SBL__DIRECTIONAL : 0);
-    const int area[4] = { 0, rows[0] * l->blocks[1], lens->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
+    const int area[4] = { 0, rows[0] * l->blocks[1], sheets->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &b->target, area, NULL, 0);
     sbl__bind(d, "view_texture", &r->view_texture);
-    sbl__bind(d, "weights", &lens->weights);
+    sbl__bind(d, "weights", &sheets->weights);
     if (looks) {
-        sbl__bind(d, "directions", &lens->directions);
+        sbl__bind(d, "directions", &sheets->directions);
         sbl__bind_table(d, "sbl_looks", looks);
-        sbl__set_int(d, "columns", lens->slots.columns);
+        sbl__set_int(d, "columns", sheets->slots.columns);
     }
     sbl__set_int(d, "block", l->block);
     sbl__set_ints(d, "blocks", l->blocks[0], l->blocks[1]);
@@ -13709,11 +13757,12 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, in texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, of one ray each */
+    sbl__slots slots[SBL__LOOK_KINDS]; /* slots in the partial sums, for looks at sites and for stuck tests (one ray
+                                          each) */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that go on (SBL__POOLED). Each invocation
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). Each invocation
    then gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but they also get as
    many, so that their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
@@ -13726,15 +13775,15 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                                    sbl__blocks *blocks) {
     const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_ITERATIONS / 4, SBL__POOL_RAYS, spec->divisor);
     const int chunk = SBL__MIN(most, sbl__trace_pools(d, scene, spec) ? SBL__POOL_RAYS : (spec->rays + 7) / 8);
-    const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_invocations(spec, &scene->hierarchy);
-    sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
+    const int chunks = (spec->rays + chunk - 1) / chunk, invocations = sbl__aim_invocations(spec, &scene->hierarchy);
+    sbl__slots *s = &t->slots[SBL__LOOK_SITE], *stuck = &t->slots[SBL__LOOK_STUCK];
     sbl_result result;
     int rows;
     s->blocks[0] = SBL__MIN(chunks, 4);
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
     s->columns = SBL__MAX(1, SBL__MIN(SBL__TRACE_COLUMNS, s->columns));
-    rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], parts), SBL__SLOTS_MOST / s->columns);
+    rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], invocations), SBL__SLOTS_MOST / s->columns);
     rows = SBL__MAX(1, rows);
     s->count = s->columns * rows;
     *stuck = *s;
@@ -13822,26 +13871,26 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
 "// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
-"// them at near hits and where the surface shines (hit_continues: metal, panes, and gloss for a part of the rays).\n",
-"// cast.glsl traces them only where sbl_is_strong is true, for example on metal.\n",
+"// them at near hits and where hit_continues is true (at metal and panes, and for some rays at gloss). cast.glsl\n",
+"// traces them only where sbl_is_strong is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs\n",
-"// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan\n",
-"// and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\"). The highlights of\n",
-"// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum\n",
-"// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
+"// A surface that reflects a ray in its lobe gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is\n",
+"// gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as\n",
+"// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
+"// The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have\n",
+"// another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
-"bool hit_continues = false;     // true: the surface of the last hit shines\n",
+"bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
 "                             // (sbl_lobe_mis); 0: ignore lamps that the ray hits\n",
 "\n",
 "// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface\n",
 "// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.\n",
 "// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because\n",
-"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this\n",
-"// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo\n",
-"// includes the lobe\n",
+"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for\n",
+"// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the\n",
+"// albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
 "    hit_continues = sbl_is_strong(m, m.reflectance);\n",
 "    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
@@ -13885,9 +13934,9 @@ static const char *const sbl__glsl_reflect[] = {
 "};\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A narrow lobe reflects a small part of a lamp. A surface that shines therefore tries this many points of the\n",
-"// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,\n",
-"// Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
+"// A narrow lobe reflects a small part of a lamp. Where hit_continues is true, this many points of the lamp are\n",
+"// therefore tried, and one of them is taken with a chance in proportion to the light that would come from it\n",
+"// unblocked (Talbot, Cline and Egbert 2005, \"Importance Resampling for Global Illumination\").\n",
 "#ifdef SBL_LOBE\n",
 "const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better\n",
 "#else\n",
@@ -13897,16 +13946,16 @@ static const char *const sbl__glsl_reflect[] = {
 "// Sequences\")\n",
 "const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);\n",
 "\n",
-"// Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.\n",
-"// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
+"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to\n",
+"// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
 "// chance of the point among those that were tried, times its MIS weight.\n",
-"vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
+"vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
 "    sbl_Sample tried = s;\n",
 "    vec3 light = vec3(0);\n",
 "    float all = 0.0;\n",
 "    for (int k = 1; k <= SBL_LAMP_TRIES; k++) {\n",
-"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));\n",
-"        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;\n",
+"        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(hit_lobe, tried.direction) / float(SBL_LAMP_TRIES));\n",
+"        vec3 found = (1.0 - mis) * sbl_lobe_factor(hit_lobe, tried.direction) * tried.light;\n",
 "        float weight = found.r + found.g + found.b;\n",
 "        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect\n",
 "        all += weight;\n",
@@ -13923,8 +13972,9 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the\n",
-"// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers\n",
+"// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a\n",
+"// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random\n",
+"// numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -13933,30 +13983,30 @@ static const char *const sbl__glsl_reflect[] = {
 "    uvec4 random = uvec4(hash, 0, 0, 0);\n",
 "    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));\n",
 "    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));\n",
-"    n = bounce.normal;\n",
+"    sensor_normal = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
-"    ray_origin = position + above * n;\n",
-"    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,\n",
+"    ray_origin = position + above * sensor_normal;\n",
+"    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), 0, bounce.direction,\n",
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
-"    sbl_Lobe shine;\n",
+"    sbl_Lobe hit_lobe;\n",
 "    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        ivec3 v = sbl_corners(hit.number);\n",
 "        vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);\n",
 "        vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                      b.z * sbl_attributes_normal(v.z);\n",
-"        normal = sbl_shading_normal(normal, n, n, direction);\n",
+"        normal = sbl_shading_normal(normal, sensor_normal, sensor_normal, direction);\n",
 "#ifdef SBL_LOBE\n",
 "        float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);\n",
 "#else\n",
 "        float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;\n",
 "#endif\n",
-"        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
-"        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);\n",
+"        hit_lobe = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
+"        r.direction = sbl_lobe_sample(hit_lobe, sbl_unit_square(random.xy), r.throughput);\n",
 "        r.throughput *= material.opacity;\n",
-"        r.density = sbl_lobe_density(shine, r.direction) / float(SBL_LAMP_TRIES);\n",
-"        if (dot(r.direction, n) <= 0.0) r.throughput = vec3(0);\n",
+"        r.density = sbl_lobe_density(hit_lobe, r.direction) / float(SBL_LAMP_TRIES);\n",
+"        if (dot(r.direction, sensor_normal) <= 0.0) r.throughput = vec3(0);\n",
 "    }\n",
 "#endif\n",
 "    if (lamp_leaves == 0) return r;\n",
@@ -13970,14 +14020,14 @@ static const char *const sbl__glsl_reflect[] = {
 "#ifdef SBL_SPECULAR\n",
 "    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;\n",
-"        r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);\n",
+"        r.light = sbl_take_point(hit_lobe, l, p.u, pick, s) * (material.opacity * unit / p.chance);\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
 "    bool bounded = s.distance < SBL_UNBOUNDED;\n",
-"    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;\n",
+"    vec3 to = bounded ? s.distance * s.direction - above * sensor_normal : s.direction;\n",
 "    r.to_lamp = normalize(to);\n",
 "    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;\n",
 "    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is\n",
@@ -13992,22 +14042,23 @@ static const char *const sbl__glsl_reflect[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The\n",
-"// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this\n",
-"// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance\n",
-"// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation\n",
-"// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and\n",
-"// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.\n",
+"// An invocation traces some of a look's rays over the hemisphere, with a cosine distribution of directions, and\n",
+"// sums their light. The outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of\n",
+"// the luminance of these rays, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y\n",
+"// is not a mean distance but the number of steps of these rays through the hierarchy, divided by `rays`. If\n",
+"// `paired` is 0, the invocation traces one ray for an inspection: out_sum.a is its weight divided by `rays`,\n",
+"// out_hits.xyz its direction, and out_hits.w its distance, which is negative for a back face, or 0 if the ray hits\n",
+"// nothing.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.\n",
 "                                      // The invocations of a look take these groups in turn\n",
 "uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them\n",
-"uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float hemisphere;             // 1: rays over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float ray_length;             // a ray ends at this length, and then sees the sky\n",
 "uniform float distance_limit;         // larger distances count as this one in the mean distance\n",
 "// SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share\n",
-"// the rays that go on\n",
+"// the rays that continue\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -14053,18 +14104,19 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "// Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this\n",
-"// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if\n",
-"// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,\n",
-"// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.\n",
-"// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which\n",
-"// lamps.glsl measures for the sensor.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
+"// radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if\n",
+"// the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,\n",
+"// which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component\n",
+"// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of\n",
+"// glows, which lamps.glsl measures for the sensor.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,\n",
+"                  out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
 "    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
 "    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
 "    sbl_add_layer(int(sbl_object_layer(object)), carried * radiance);\n",
-"    goes_on = false;\n",
+"    continues = false;\n",
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
 "#ifdef SBL_LOBE\n",
@@ -14072,20 +14124,20 @@ static const char *const sbl__glsl_trace[] = {
 "#else\n",
 "    const float first_scale = SBL_FIRST_SCALE;\n",
 "#endif\n",
-"    goes_on = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);\n",
+"    continues = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_face_ray(material, hit, arriving, last);\n",
-"    goes_on = goes_on || hit_continues;\n",
-"    bool reads_store = !goes_on || hit_continues || bright_cells > 0;\n",
+"    continues = continues || hit_continues;\n",
+"    bool reads_store = !continues || hit_continues || bright_cells > 0;\n",
 "#else\n",
-"    bool reads_store = !goes_on || bright_cells > 0;\n",
+"    bool reads_store = !continues || bright_cells > 0;\n",
 "#endif\n",
 "    if (reads_store) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
-"        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
-"        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
+"        vec3 light = continues ? vec3(0) : sbl_light_of(leaf);\n",
+"        sbl_add_stored(leaf, continues ? vec3(0) : carried * sbl_reflected(material, vec3(1)));\n",
 "#ifdef SBL_SPECULAR\n",
-"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
+"        // The lobe of the hit continues the ray; the diffuse component reflects stored light.\n",
 "        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
@@ -14118,17 +14170,17 @@ static const char *const sbl__glsl_trace[] = {
 "// The ray that is traced, and sums over the rays of the invocation\n",
 "vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced\n",
 "float limit;                          // the segment ends at this length\n",
-"vec3 way = vec3(0);                   // direction of the first segment\n",
+"vec3 first_direction = vec3(0);       // direction of the first segment\n",
 "vec2 u;                               // point of the unit square that gives this direction\n",
 "float weight = 0.0;                   // weight of the ray\n",
 "vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "\n",
-"// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the\n",
-"// ray starts below the horizon, where it finds no light.\n",
-"bool sbl_begin(int look, float every) {\n",
+"// Begins the ray of a look at point u of the unit square. ray_weight: factor of the ray's light. Returns false if\n",
+"// the ray starts below the horizon, where it finds no light.\n",
+"bool sbl_begin(int look, float ray_weight) {\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(look));\n",
 "    from = sbl_look_position(look);\n",
-"    weight = every;\n",
+"    weight = ray_weight;\n",
 "#ifdef SBL_SPECULAR\n",
 "    ray_density = 0.0;\n",
 "#endif\n",
@@ -14142,7 +14194,7 @@ static const char *const sbl__glsl_trace[] = {
 "    int guide = int(sbl_look_which(look) >> SBL_LOOK_GUIDE_SHIFT);\n",
 "    weight = sbl_guide(guide, u);\n",
 "#endif\n",
-"    direction = sbl_by_cosine(frame, u * vec2(spread, 1.0));\n",
+"    direction = sbl_by_cosine(frame, u * vec2(hemisphere, 1.0));\n",
 "#ifdef SBL_SEES_MIRRORED\n",
 "    for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {\n",
 "        direction = sbl_mirrored_sample(u_mirrored);\n",
@@ -14161,12 +14213,12 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    throughput = vec3(weight);\n",
 "#ifdef SBL_LOBE\n",
-"    for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
-"    throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);\n",
+"    for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
+"    throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);\n",
 "    ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
 "    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
-"    way = direction;\n",
+"    first_direction = direction;\n",
 "    limit = ray_length;\n",
 "#ifdef SBL_LOBE\n",
 "    return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;\n",
@@ -14178,7 +14230,7 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "// Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and\n",
-"// material receive what it hits. Returns true if the ray goes on from there.\n",
+"// material receive what it hits. Returns true if the ray continues from there.\n",
 "bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {\n",
 "    hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "    throughput *= sbl_tint;\n",
@@ -14202,15 +14254,15 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "    arriving = direction;\n",
 "#endif\n",
-"    bool goes_on;\n",
-"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,\n",
+"    bool continues;\n",
+"    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, continues,\n",
 "                                         material);\n",
 "    if (segment == 0) {\n",
 "        sum.a += hit.back ? weight : 0.0;\n",
 "        hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "        hits.z = min(hits.z, hit.distance);\n",
 "    }\n",
-"    return goes_on;\n",
+"    return continues;\n",
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14221,7 +14273,7 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.\n",
 "// hash: source of the random numbers. Returns false if the next segment would carry no light.\n",
-"bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {\n",
+"bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
 "    from = next.from;\n",
 "    sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
@@ -14241,28 +14293,29 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_POOLED\n",
 "// On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the\n",
-"// long code of sbl_go_on if one ray goes on, and even if none does. The rays that go on are therefore collected in\n",
-"// a pool. The invocations take rays from it, so that each execution of the code serves a full vector. One pool\n",
-"// holds rays at their first hit, another holds rays at their second. The terms of the light of each ray are kept:\n",
-"// the invocation that owns the ray adds them in the same order as without pools, so that sums have the same bits.\n",
+"// long code of sbl_continue_ray if one ray continues, and even if none does. The rays that continue are therefore\n",
+"// collected in a pool. The invocations take rays from it, so that each execution of the code serves a full vector.\n",
+"// One pool holds rays at their first hit, another holds rays at their second. The terms of the light of each ray\n",
+"// are kept: the invocation that owns the ray adds them in the same order as without pools, so that sums have the\n",
+"// same bits.\n",
 "const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup\n",
-"// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray goes on adds\n",
-"// two: one is the light of a lamp, and the next segment finds the other.\n",
+"// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray continues\n",
+"// adds two: one is the light of a lamp, and the next segment finds the other.\n",
 "const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;\n",
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
-"shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
+"shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
 "shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
 "shared uint pool_hashes[2 * SBL_POOL];\n",
 "shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe\n",
 "shared vec3 pool_terms[SBL_TERMS * SBL_POOL];\n",
-"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that went on\n",
+"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued\n",
 "shared int pool_lost;                        // 1: an invocation has lost rays\n",
 "\n",
 "// Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup\n",
 "void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {\n",
 "    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
-"    pool_ways[at] = vec4(direction, hit.b1);\n",
+"    pool_directions[at] = vec4(direction, hit.b1);\n",
 "    pool_throughputs[at] = vec4(throughput, hit.b2);\n",
 "    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "    pool_hashes[at] = hash;\n",
@@ -14272,12 +14325,12 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Lets the ray at a place of a pool go on with this segment.\n",
+"// Continues a ray of the pool by this segment. at: index of the ray in the pool\n",
 "void sbl_take(int at, int segment) {\n",
 "    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
-"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,\n",
+"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
 "                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);\n",
-"    direction = pool_ways[at].xyz;\n",
+"    direction = pool_directions[at].xyz;\n",
 "    throughput = pool_throughputs[at].rgb;\n",
 "    chance_least = pool_chances[at].x;\n",
 "#ifdef SBL_LOBE\n",
@@ -14289,12 +14342,12 @@ static const char *const sbl__glsl_trace[] = {
 "    uint hash = pool_hashes[at];\n",
 "    int term = SBL_TERMS * ray + 2 * segment;\n",
 "    sum.rgb = vec3(0);\n",
-"    bool goes_on = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
+"    bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
 "    pool_terms[term - 1] = sum.rgb;\n",
 "    sum.rgb = vec3(0);\n",
-"    if (goes_on) goes_on = sbl_follow(segment, hit, material);\n",
+"    if (continues) continues = sbl_follow(segment, hit, material);\n",
 "    pool_terms[term] = sum.rgb;\n",
-"    if (goes_on) sbl_pool(segment, hit, ray, hash);\n",
+"    if (continues) sbl_pool(segment, hit, ray, hash);\n",
 "    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);\n",
 "    sbl_steps = steps;  // they count for the owner of the ray alone\n",
 "}\n",
@@ -14313,16 +14366,16 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 normal = sbl_look_normal(look);\n",
 "    uvec2 scramble = sbl_look_scramble(look);\n",
 "#ifdef SBL_SEES_MIRRORED\n",
-"    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);\n",
+"    if (hemisphere > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);\n",
 "#endif\n",
 "    int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;\n",
 "    int end = no_light && number > 0 || outside ? 0 : rays;\n",
-"    float every = 1.0;  // factor of each ray's light\n",
+"    float ray_weight = 1.0;  // factor of each ray's light\n",
 "#ifdef SBL_LOBE\n",
 "    sbl_lobe_begin(look, normal);\n",
-"    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
+"    if (lobe.alpha == 0.0 && hemisphere > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
 "        end = min(end, SBL_MIRROR_RAYS);\n",
-"        every = float(rays) / float(SBL_MIRROR_RAYS);\n",
+"        ray_weight = float(rays) / float(SBL_MIRROR_RAYS);\n",
 "    }\n",
 "#endif\n",
 "\n",
@@ -14332,7 +14385,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
 "    vec4 even = vec4(0);\n",
-"    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
+"    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "#ifdef SBL_POOLED\n",
 "    int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;\n",
@@ -14341,17 +14394,18 @@ static const char *const sbl__glsl_trace[] = {
 "    pool_steps[mine] = 0;\n",
 "    memoryBarrierShared();\n",
 "    barrier();\n",
-"    for (int i = part << paired; i < end; i = (part + (all >> paired) * parts << paired) + (all & paired)) {\n",
+"    for (int i = block << paired; i < end;\n",
+"         i = (block + (all >> paired) * block_count << paired) + (all & paired)) {\n",
 "        int ray = first + all++;\n",
 "        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);\n",
 "        for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);\n",
 "        sbl_Hit hit;\n",
 "        sbl_Material material;\n",
-"        bool goes_on = sbl_begin(look, every);\n",
+"        bool continues = sbl_begin(look, ray_weight);\n",
 "        sum.rgb = vec3(0);\n",
-"        if (goes_on) goes_on = sbl_follow(0, hit, material);\n",
+"        if (continues) continues = sbl_follow(0, hit, material);\n",
 "        pool_terms[SBL_TERMS * ray] = sum.rgb;\n",
-"        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));\n",
+"        if (continues) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));\n",
 "    }\n",
 "    for (int segment = 1; segment < SBL_SEGMENTS; segment++) {\n",
 "        memoryBarrierShared();\n",
@@ -14373,28 +14427,28 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_steps += pool_steps[mine];\n",
 "    if (outside) return;\n",
 "#else\n",
-"    for (int k = 0, i = part << paired; i < end;\n",
-"         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
+"    for (int k = 0, i = block << paired; i < end;\n",
+"         k++, i = (block + (k >> paired) * block_count << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
 "        u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);\n",
-"        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.\n",
-"        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in\n",
-"        // each iteration.\n",
-"        int segments = sbl_begin(look, every) ? SBL_SEGMENTS : 0;\n",
+"        // Each iteration traces a segment of the ray and, if the ray continues, a shadow ray from the hit to a\n",
+"        // lamp. A separate iteration for the shadow ray would be slower: software renderers execute the whole body\n",
+"        // in each iteration.\n",
+"        int segments = sbl_begin(look, ray_weight) ? SBL_SEGMENTS : 0;\n",
 "        for (int segment = 0; segment < segments; segment++) {\n",
 "            sbl_Hit hit;\n",
 "            sbl_Material material;\n",
-"            bool goes_on = sbl_follow(segment, hit, material);\n",
+"            bool continues = sbl_follow(segment, hit, material);\n",
 "#ifdef SBL_SPECULAR\n",
 "            chance_least = 0.0;\n",
 "#endif\n",
-"            if (!goes_on) break;\n",
+"            if (!continues) break;\n",
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_ray_hash(scramble, skip + i);\n",
-"            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;\n",
+"            if (!sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;\n",
 "#endif\n",
 "        }\n",
-"        vec4 to_harmonics = sbl_harmonics(way, normal, sbl_stratum_reciprocal(u.x));\n",
+"        vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
 "        even -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
@@ -14403,7 +14457,7 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "#endif\n",
 "    if (counts_steps) hits.y = float(sbl_steps);\n",
-"    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
+"    vec4 inspected = vec4(first_direction, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);\n",
 "    if (paired == 0) sum.a = weight;\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    bool lost = sbl_cut_short();\n",
@@ -14420,7 +14474,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_write_layers(layers);\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));\n",
+"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14437,30 +14491,30 @@ static const char *const sbl__glsl_mirrored[] = {
 "uniform int mirrored_count;               // number of records in the scene\n",
 "// scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the\n",
 "// directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so\n",
-"// that guides send few further rays to these places\n",
+"// that guides send few further rays to these lamps\n",
 "uniform bool scouts;\n",
 "\n",
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
+"const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
 "                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
-"vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width\n",
+"vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width\n",
 "float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
 "\n",
 "// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.\n",
-"void sbl_mirrored_add(vec4 way, float chance) {\n",
+"void sbl_mirrored_add(vec4 direction, float chance) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        bool before = chance > mirrored_chance[k];\n",
-"        vec4 next_way = before ? mirrored_way[k] : way;\n",
+"        vec4 next_direction = before ? mirrored_direction[k] : direction;\n",
 "        float next = before ? mirrored_chance[k] : chance;\n",
-"        if (before) mirrored_way[k] = way;\n",
+"        if (before) mirrored_direction[k] = direction;\n",
 "        if (before) mirrored_chance[k] = chance;\n",
-"        way = next_way;\n",
+"        direction = next_direction;\n",
 "        chance = next;\n",
 "    }\n",
 "}\n",
@@ -14470,7 +14524,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "// (distance from the mirror to this image).\n",
 "void sbl_mirrored_begin(vec3 from, vec3 normal) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
-"        mirrored_way[k] = vec4(normal, 1);\n",
+"        mirrored_direction[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
 "    float most = 0.0, brightest = 0.0;\n",
@@ -14479,8 +14533,8 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
 "        vec3 to = sbl_mirrored_middle(i) - (distant ? vec3(0) : from);\n",
 "        float away = max(length(to), SBL_DIVISOR_LEAST), radius = sbl_mirrored_radius(i);\n",
-"        vec3 way = to / away;\n",
-"        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);\n",
+"        vec3 to_image = to / away;\n",
+"        float cosine = dot(normal, to_image), mirror_cosine = -dot(mirror_normal, to_image);\n",
 "        float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);\n",
 "        vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);\n",
 "        float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);\n",
@@ -14488,7 +14542,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        float to_mirror = height / mirror_cosine;\n",
 "        float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));\n",
 "        float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);\n",
-"        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));\n",
+"        vec3 hit = from + to_mirror * to_image, margin = vec3(to_mirror * sqrt(width2));\n",
 "        vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));\n",
 "        if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;\n",
 "        // fraction of the highlight that the mirror may cover, from the diagonal of its bounds\n",
@@ -14503,7 +14557,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "        vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);\n",
 "        float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i);\n",
 "        light *= max(cosine, 0.1 * lamp);\n",
-"        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
+"        sbl_mirrored_add(vec4(to_image, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));\n",
 "    }\n",
 "    float sum = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];\n",
@@ -14515,27 +14569,27 @@ static const char *const sbl__glsl_mirrored[] = {
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",
 "// between both has the distribution of GGX.\n",
 "vec3 sbl_mirrored_sample(vec2 u) {\n",
-"    vec4 way = mirrored_way[0];\n",
+"    vec4 highlight = mirrored_direction[0];\n",
 "    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];\n",
 "    for (int k = 1; k < SBL_MIRRORED; k++) {\n",
 "        bool taken = u.x >= sum && mirrored_chance[k] > 0.0;\n",
-"        way = taken ? mirrored_way[k] : way;\n",
+"        highlight = taken ? mirrored_direction[k] : highlight;\n",
 "        first = taken ? sum : first;\n",
 "        chance = taken ? mirrored_chance[k] : chance;\n",
 "        sum += mirrored_chance[k];\n",
 "    }\n",
 "    float x = clamp((u.x - first) / chance, 0.0, 0.999999), angle = 2.0 * SBL_PI * u.y;\n",
-"    float tangent = sqrt(way.w * x / (1.0 - x));\n",
-"    return normalize(sbl_frame(way.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));\n",
+"    float tangent = sqrt(highlight.w * x / (1.0 - x));\n",
+"    return normalize(sbl_frame(highlight.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));\n",
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of the directions that sbl_mirrored_sample returns.\n",
 "float sbl_mirrored_density(vec3 direction) {\n",
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
-"        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);\n",
+"        float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);\n",
 "        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
-"        vec3 across = cross(direction, mirrored_way[k].xyz);\n",
+"        vec3 across = cross(direction, mirrored_direction[k].xyz);\n",
 "        float t = z * z * width2 + dot(across, across);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
@@ -14575,7 +14629,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", !b->spec->paper);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_int(d, "sky_layer", b->scene->environment.layer);
-    sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
+    sbl__set_float(d, "hemisphere", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
     sbl__set_float(d, "ray_length", b->spec->ray_length > 0 && !stuck ? b->spec->ray_length : SBL__UNBOUNDED);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
@@ -14668,7 +14722,7 @@ typedef struct sbl__job {
     sbl__look *looks;           /* the look in each slot */
     sbl__table lobe_table;      /* the lobes of the looks in `table`, as shaders read them */
     sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless task.spec.lobe is 1 */
-    int lens;                   /* kind of looks of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
+    int look_kind;              /* kind of looks of the current round: SBL__LOOK_SITE or SBL__LOOK_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_capacity;
     int lost;                   /* number of looks that lost rays, see sbl__job_lost */
@@ -14681,7 +14735,7 @@ typedef struct sbl__job {
     int drawn, aimed, reduced;  /* indices of three looks: the next to draw, to trace rays to lamps for, to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: none */
     int triangle;               /* index of the next triangle to draw for this batch */
-    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
+    struct { sbl__pace draw[SBL__LOOK_KINDS], aim, reduce[SBL__LOOK_KINDS]; } paces;
 } sbl__job;
 
 /* Frees the resources of traced jobs. Making them again takes less time than the first round of a picture. */
@@ -14791,18 +14845,18 @@ typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 21 * sizeof(int) + 4 
 
 /* >>job: setting up */
 
-static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
-    return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
+static const sbl__slots *sbl__look_slots(const sbl__job *j, int look_kind) {
+    return j->task.spec.traced ? &j->trace.slots[look_kind] : &j->raster.sheets[look_kind].slots;
 }
 
-static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
+static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__look_slots(j, j->look_kind); }
 
 /* Returns the factor of all radiance in the job's textures. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
 /* Returns the layout of a look's views, or NULL if sensors trace rays. */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
-    return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
+    return j->task.spec.traced ? NULL : &j->raster.sheets[SBL__LOOK_SITE].layout;
 }
 
 /* Makes the textures and the sequences for rays' directions, and allocates the arrays of looks, one per slot. */
@@ -14810,21 +14864,21 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    int room = 0, lens;
+    int capacity = 0, kind;
     sbl_result result;
     (void)slice;
     j->device->gl.doing = "making the sensors' textures";
-    j->lens = SBL__LENS_SITE;
+    j->look_kind = SBL__LOOK_SITE;
     if (spec->traced) result = sbl__trace_setup(d, &j->trace, j->scene, spec, &j->blocks);
     else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
     if (result == SBL_SUCCESS) result = sbl__aim_setup(d, &j->aim, spec, sbl__job_slots(j), &j->scene->hierarchy);
     if (result != SBL_SUCCESS) return result;
-    for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
+    for (kind = 0; kind < SBL__LOOK_KINDS; kind++) capacity = SBL__MAX(capacity, sbl__look_slots(j, kind)->count);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->lobes);
     j->lobes = NULL;
-    j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
-    if (spec->lobe) j->lobes = (sbl__lobe *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->lobes);
+    j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)capacity, sizeof *j->looks);
+    if (spec->lobe) j->lobes = (sbl__lobe *)sbl__alloc_raw(d->base, (size_t)capacity, sizeof *j->lobes);
     memset(&j->paces, 0, sizeof j->paces);
     return j->looks && (j->lobes || !spec->lobe) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -14832,9 +14886,9 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
 /* Computes the weights of views, if sensors rasterise, and records the spec and the scene of the resources. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
-    for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
-        sbl__lens *lens = &j->raster.lenses[j->lens];
-        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
+    for (; j->look_kind < SBL__LOOK_KINDS && !j->task.spec.traced; j->look_kind++) {
+        sbl__sheets *sheets = &j->raster.sheets[j->look_kind];
+        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, sheets, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
     j->made_for = j->task.spec;
@@ -14850,10 +14904,10 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, in texels\n",
 "uniform int columns, slots;    // number of slots per row; number of slots in total\n",
 "uniform int first, last;       // indices of the first and last look to compute\n",
-"uniform sampler2D lights;      // R from lamps.glsl: `parts` estimates per look; their mean is added\n",
+"uniform sampler2D lights;      // R from lamps.glsl: `invocations` estimates per look; their mean is added\n",
 "uniform float steps_scale;     // not 0: the low bits of the variances in `lights` hold numbers of steps; their sum\n",
 "                               // times steps_scale is added to out_hits.y\n",
-"uniform int parts;             // number of texels per look in `lights`, in a column; 0: no lamps\n",
+"uniform int invocations;       // number of texels per look in `lights`, in a column; 0: no lamps\n",
 "layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
@@ -14865,12 +14919,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 4) out vec4 out_blue;\n",
 "#endif\n",
 "#ifdef SBL_GROUPS\n",
-"SBL_PART_0(uniform sampler2D blocks_0; uniform sampler2D lights_0; layout(location = 2) out vec4 out_0;)\n",
-"SBL_PART_1(uniform sampler2D blocks_1; uniform sampler2D lights_1; layout(location = 3) out vec4 out_1;)\n",
-"SBL_PART_2(uniform sampler2D blocks_2; uniform sampler2D lights_2; layout(location = 4) out vec4 out_2;)\n",
-"SBL_PART_3(uniform sampler2D blocks_3; uniform sampler2D lights_3; layout(location = 5) out vec4 out_3;)\n",
-"SBL_PART_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(location = 6) out vec4 out_4;)\n",
-"SBL_PART_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)\n",
+"SBL_IF_0(uniform sampler2D blocks_0; uniform sampler2D lights_0; layout(location = 2) out vec4 out_0;)\n",
+"SBL_IF_1(uniform sampler2D blocks_1; uniform sampler2D lights_1; layout(location = 3) out vec4 out_1;)\n",
+"SBL_IF_2(uniform sampler2D blocks_2; uniform sampler2D lights_2; layout(location = 4) out vec4 out_2;)\n",
+"SBL_IF_3(uniform sampler2D blocks_3; uniform sampler2D lights_3; layout(location = 5) out vec4 out_3;)\n",
+"SBL_IF_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(location = 6) out vec4 out_4;)\n",
+"SBL_IF_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)\n",
 "#endif\n",
 "\n",
 "// Returns the sum, from partial sums and from lamps, of a look's harmonics of one colour, or of some of its\n",
@@ -14879,8 +14933,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
 "        sum += texelFetch(block_harmonics, corner + ivec2(i % blocks.x, i / blocks.x), 0);\n",
-"    for (int i = 0; i < parts; i++)\n",
-"        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);\n",
+"    for (int i = 0; i < invocations; i++)\n",
+"        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(invocations);\n",
 "    return sum;\n",
 "}\n",
 "\n",
@@ -14888,7 +14942,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    int look = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
 "    if (look < first || look > last) discard;\n",
 "    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);\n",
-"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
+"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, invocations);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
@@ -14903,27 +14957,27 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
-"    for (int i = 0; i < parts; i++) {\n",
+"    for (int i = 0; i < invocations; i++) {\n",
 "        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0);\n",
 "        if (steps_scale > 0.0 && light.a >= 0.0) {\n",
 "            uint bits = floatBitsToUint(light.a);\n",
 "            hits.y += steps_scale * float(bits & uint(SBL_STEPS_MASK));\n",
 "            light.a = uintBitsToFloat(bits & ~uint(SBL_STEPS_MASK));\n",
 "        }\n",
-"        light /= float(parts);\n",
+"        light /= float(invocations);\n",
 "        sum.rgb += light.rgb;\n",
-"        hits.w += light.a / float(parts);\n",
+"        hits.w += light.a / float(invocations);\n",
 "        if (light.a < 0.0) hits.z = SBL_LOST;\n",
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
 "#ifdef SBL_GROUPS\n",
-"    SBL_PART_0(out_0 = sbl_sum(blocks_0, corner, lights_0, light_corner);)\n",
-"    SBL_PART_1(out_1 = sbl_sum(blocks_1, corner, lights_1, light_corner);)\n",
-"    SBL_PART_2(out_2 = sbl_sum(blocks_2, corner, lights_2, light_corner);)\n",
-"    SBL_PART_3(out_3 = sbl_sum(blocks_3, corner, lights_3, light_corner);)\n",
-"    SBL_PART_4(out_4 = sbl_sum(blocks_4, corner, lights_4, light_corner);)\n",
-"    SBL_PART_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)\n",
+"    SBL_IF_0(out_0 = sbl_sum(blocks_0, corner, lights_0, light_corner);)\n",
+"    SBL_IF_1(out_1 = sbl_sum(blocks_1, corner, lights_1, light_corner);)\n",
+"    SBL_IF_2(out_2 = sbl_sum(blocks_2, corner, lights_2, light_corner);)\n",
+"    SBL_IF_3(out_3 = sbl_sum(blocks_3, corner, lights_3, light_corner);)\n",
+"    SBL_IF_4(out_4 = sbl_sum(blocks_4, corner, lights_4, light_corner);)\n",
+"    SBL_IF_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
@@ -14941,19 +14995,19 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts a round of looks. lens: kind of these looks, SBL__LENS_SITE or SBL__LENS_STUCK. Returns SBL_ERROR_UNSUPPORTED
-   if a texture cannot hold the results. */
-static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
+/* Starts a round of looks of one kind, SBL__LOOK_SITE or SBL__LOOK_STUCK. Returns SBL_ERROR_UNSUPPORTED if a texture
+   cannot hold the results. */
+static sbl_result sbl__job_start_round(sbl__job *j, int look_kind) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size;
     const int textures = (j->task.spec.directional ? 5 : 2) + SBL__LAYER_TEXTURES(j->task.spec.groups);
     const sbl__target *results = &j->results.target;
     double looks = 0;
     int i, rows;
-    j->lens = lens;
+    j->look_kind = look_kind;
     j->site = j->look = j->batch = 0;
-    j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    if (lens == SBL__LENS_STUCK) looks = j->suspect_count;
+    j->drawn = j->aimed = j->reduced = look_kind == SBL__LOOK_SITE ? j->task.first_look : 0;
+    if (look_kind == SBL__LOOK_STUCK) looks = j->suspect_count;
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
@@ -14988,14 +15042,14 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
         result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    return sbl__job_start_round(j, SBL__LENS_SITE);
+    return sbl__job_start_round(j, SBL__LOOK_SITE);
 }
 
 /* Makes the next look of the round in a slot. A stuck test has the position of the site's first look and faces the
    surface. */
 static void sbl__job_next_look(sbl__job *j, int slot) {
     sbl__look *out = &j->looks[slot];
-    const int stuck = j->lens == SBL__LENS_STUCK;
+    const int stuck = j->look_kind == SBL__LOOK_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
@@ -15026,27 +15080,27 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
 /* Sends the looks of a batch and their lobes to the tables that shaders read. */
 static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
     const sbl__device *d = j->device;
-    const int room = b->slots->count;
-    const sbl_result result = sbl__looks_send(d, &j->table, b->looks, sizeof *b->looks, b->count, room);
+    const int capacity = b->slots->count;
+    const sbl_result result = sbl__looks_send(d, &j->table, b->looks, sizeof *b->looks, b->count, capacity);
     if (result != SBL_SUCCESS || !b->lobes) return result;
-    return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
+    return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, capacity);
 }
 
-/* Draws a batch of about `room` looks: at least one, and at most as many as spec.batch, the slots and the round allow.
-   If rays are traced, rounds `room` to whole lots (see sbl__device.lot). If views are drawn and `room` is less than the
-   batch, draws only a part of the scene's triangles, and the next call continues with the same batch. units: receives
-   the work done, in looks */
-static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
+/* Draws a batch of about `allowed` looks: at least one, and at most as many as spec.batch, the slots and the round
+   allow. If rays are traced, rounds `allowed` to whole lots (see sbl__device.lot). If views are drawn and `allowed` is
+   less than the batch, draws only a part of the scene's triangles, and the next call continues with the same batch.
+   units: receives the work done, in looks */
+static sbl_result sbl__job_submit(sbl__job *j, double allowed, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
-    const int *blocks = sbl__job_slots(j)->blocks, one_ray = j->lens == SBL__LENS_STUCK || spec->one_ray;
+    const int *blocks = sbl__job_slots(j)->blocks, one_ray = j->look_kind == SBL__LOOK_STUCK || spec->one_ray;
     sbl__batch b;
     int i, end = all;
     sbl_result result;
-    if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
+    if (spec->traced) allowed = sbl__whole_lots(d, allowed, blocks[0] * blocks[1]);
     if (!j->batch) {
-        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->task.spec.batch);
+        j->batch = (int)SBL__MIN(SBL__MAX(allowed, 1.0), (double)j->task.spec.batch);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
         for (i = 0; i < j->batch; i++) sbl__job_next_look(j, slot + i);
@@ -15058,9 +15112,10 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
         if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, one_ray, 1);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
-        if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
+        if (allowed < j->batch)
+            end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * allowed / j->batch)), (double)all);
         if (all) *units *= (double)(end - j->triangle) / all;
-        result = sbl__raster_draw(d, &j->raster, &j->raster.lenses[j->lens], &b, j->triangle, end);
+        result = sbl__raster_draw(d, &j->raster, &j->raster.sheets[j->look_kind], &b, j->triangle, end);
     }
     if (result != SBL_SUCCESS) return result;
     j->triangle = end;
@@ -15079,26 +15134,26 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_end - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
     const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
-    sbl__lens *lens = &j->raster.lenses[j->lens];
-    double room, units = 0, all = 0;
+    sbl__sheets *sheets = &j->raster.sheets[j->look_kind];
+    double allowed, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
     if (j->stages.at++ == 0 && !traced)  /* first draws the sky into all slots that looks will fill */
-        sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
-    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+        sbl__raster_clear(d, &j->raster, sheets, j->scene, SBL__MIN(slots, first % slots + left));
+    allowed = sbl__pace_begin(&j->paces.draw[j->look_kind], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
-        result = sbl__job_submit(j, room, &units);
+        result = sbl__job_submit(j, allowed, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->lens], all);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->look_kind], all);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
-static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->look_kind == SBL__LOOK_SITE; }
 
 /* Makes lamps.glsl current and sets its uniforms. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: factor
    from R to the output */
@@ -15123,8 +15178,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
-    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->task.spec.batch);
-    const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
+    const double allowed = SBL__MIN(sbl__whole_lots(d, pace, j->aim.invocations), (double)j->task.spec.batch);
+    const int count = (int)SBL__MIN(allowed, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.invocations };
     sbl__batch b;
     sbl_result result;
     d->gl.doing = "tracing rays towards lamps";
@@ -15133,7 +15188,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
-    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
+    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.invocations));
     j->aimed += count;
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
@@ -15163,7 +15218,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
         snprintf(name, sizeof name, "lights_%d", k);
         sbl__bind(d, name, aimed ? &j->aim.light.textures[1 + k] : &blocks[0]);
     }
-    sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
+    sbl__set_int(d, "invocations", aimed ? j->aim.invocations : 0);
     sbl__set_float(d, "steps_scale", spec->counts_steps ? (float)SBL__STEPS_UNIT / (float)spec->rays : 0);
     sbl__set_int(d, "even", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
@@ -15181,8 +15236,8 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
-    const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
+    const double allowed = sbl__pace_begin(&j->paces.reduce[j->look_kind], slice, SBL__LOOKS_FIRST, 1);
+    const int most = (int)SBL__MIN(allowed / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
@@ -15191,10 +15246,10 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
         result = sbl__looks_send(d, &j->table, j->looks, sizeof *j->looks, (j->drawn - 1) % slots->count + 1,
                                  slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
-        result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
+        result = sbl__raster_reduce(d, &j->raster, &j->raster.sheets[j->look_kind], &j->blocks,
                                     directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->look_kind], rows * slots->columns);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
 }
@@ -15217,7 +15272,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = spec->traced ? 1 : j->scene->geometry.extent;
     const int looks = j->task.sites[j->site].looks, harmonics = 3 * (sbl__spec_layers(spec) - 1);
     sbl_reading *r = &j->task.readings[j->site];
-    float *h = harmonics ? j->task.layers + (size_t)harmonics * (size_t)j->site : NULL;
+    float *layers = harmonics ? j->task.layers + (size_t)harmonics * (size_t)j->site : NULL;
     float variance = 0;
     int k;
     if (j->look == 0) {
@@ -15227,13 +15282,13 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
         r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
-        for (k = 0; k < harmonics; k++) h[k] = 0;
+        for (k = 0; k < harmonics; k++) layers[k] = 0;
     }
     if (spec->counts_steps) r->hit_mean = (j->look ? r->hit_mean : 0) + hits[1];
     if (hits[2] < 0) r->valid = 0;
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
     for (k = 0; k < harmonics; k++)
-        h[k] += (spec->groups ? found[2 + k / 4][k % 4] : found[2 + k % 3][k / 3]) / scale;
+        layers[k] += (spec->groups ? found[2 + k / 4][k % 4] : found[2 + k % 3][k / 3]) / scale;
     if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
     if (!spec->traced && !spec->paper) {
         const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__luminance(sum) / scale;
@@ -15242,11 +15297,11 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     r->noise += variance;
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
-    for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
+    for (k = 0; k < harmonics; k++) layers[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
-    if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
+    if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(layers, harmonics)) {
         memset(r, 0, sizeof *r);
-        for (k = 0; k < harmonics; k++) h[k] = 0;
+        for (k = 0; k < harmonics; k++) layers[k] = 0;
     }
     j->look = 0;
     j->site++;
@@ -15262,7 +15317,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    SBL__STUCK_FRACTION of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
-    const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
+    const int stuck_test = j->look_kind == SBL__LOOK_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
     const int is_first = j->look == 0, asked = j->task.sites[site].suspect || j->task.spec.ray_length > 0;
     const float offset = j->task.sites[site].offset;
     j->lost += hits[2] < 0;
@@ -15283,9 +15338,9 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOC
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_end - j->task.first_look;
-    const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
+    const sbl__layout *l = &j->raster.sheets[SBL__LOOK_SITE].layout;
     int i;
-    if (j->lens == SBL__LENS_STUCK) return;
+    if (j->look_kind == SBL__LOOK_STUCK) return;
     for (i = 0; i < j->task.site_count && spec->traced; i++)
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
@@ -15327,25 +15382,25 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
     const sbl__target *from = &j->results.target;
-    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    const int first = j->look_kind == SBL__LOOK_SITE ? j->task.first_look : 0;
     const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->count;
-    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
+    const int textures = from->count;
+    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)textures);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
     if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+    for (k = 0; k < textures && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, from, k, row, rows, data + 4 * (size_t)count * (size_t)k);
-    j->counts.readbacks += parts;
+    j->counts.readbacks += textures;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int look = row * SBL__RESULTS_WIDTH + i;
         const float *found[SBL__BLOCKS];
         for (k = 0; k < SBL__BLOCKS; k++)
-            found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
+            found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, textures - 1) + (size_t)i);
         if (look >= first && look < j->look_end) result = sbl__job_judge(j, found);
     }
     sbl__free(d->base, data);
@@ -15356,7 +15411,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
         return SBL_SUCCESS;
     }
     sbl__job_count(j);
-    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
+    return j->look_kind == SBL__LOOK_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LOOK_STUCK) : SBL_SUCCESS;
 }
 
 /* Returns the stage that follows drawing, reducing or reading. */
@@ -15384,8 +15439,8 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE) return 1;
-    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* the lens may still belong to the previous job */
-    if (j->lens == SBL__LENS_STUCK) return 1;
+    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* look_kind may still be that of the previous job */
+    if (j->look_kind == SBL__LOOK_STUCK) return 1;
     if (looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
@@ -15491,7 +15546,7 @@ typedef struct sbl__hit {
                           any queued hit; it is tested only for hits of points' rays */
 } sbl__hit;
 
-typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
+typedef struct sbl__hits { sbl__hit *list; int count, capacity; } sbl__hits;
 
 /* A point of a leaf */
 typedef struct sbl__bounce_point {
@@ -15501,12 +15556,12 @@ typedef struct sbl__bounce_point {
     int measured;      /* 1: `light` and `valid` are set */
     int valid;         /* 1: the reading at the point is valid */
     float light[3];    /* R from lamps, later also from glows */
-    float shine[3];    /* R that metal reflects from lamps and the sky, see cast.glsl */
+    float metal_light[3];  /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
 /* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
-   number, both weighted by sbl__point_weight and by the share of the point's leaf; bucket: index of the leaf's cell in
-   the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+   number, both weighted by sbl__point_weight and by the `fraction` of the point's leaf; bucket: index of the leaf's
+   cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
 typedef struct sbl__leaf_found {
     float light, rays;
     int bucket;
@@ -15516,7 +15571,7 @@ typedef struct sbl__leaf_found {
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
-enum { SBL__BRIGHT_AFAR = 1, SBL__BRIGHT };
+enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
 
 /* The points at which the light of glows is measured */
 enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_ON_GLOWS, SBL__GLOWS_EVERYWHERE };
@@ -15527,9 +15582,9 @@ typedef struct sbl__bounce_leaf {
     int most;          /* maximum number of points, see >>division */
     int first;         /* index of the first point, which the others follow once points are sorted */
     int valid;         /* number of points with valid readings */
-    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_AFAR: it is not, but far rays read a bright leaf
+    int bright;        /* SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_LONG: it is not, but long rays read a bright leaf
                           at its first point; otherwise 0 */
-    float share;       /* approximate fraction of its cell that the leaf covers after divisions */
+    float fraction;    /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
                           it since all hits were last placed again. The hits of these rays may lie on the other side
                           of the cut and must be placed again; those of later points need not */
@@ -15591,7 +15646,7 @@ typedef struct sbl__bounce {
                                         `scene` has changed, only light is computed again */
     sbl__bounce_point *points;
     float *layers;                   /* with light groups: per point, for each group 3 floats, the part of `light`; then
-                                        for each group 3 floats, the part of `shine` */
+                                        for each group 3 floats, the part of `metal_light` */
     int layer_capacity;              /* capacity of `layers`, in points */
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
@@ -15661,7 +15716,7 @@ typedef struct sbl__bounce {
     double change;                   /* balance.change of the previous round */
     /* light, squares: sums, over the rays of all points, of the luminance of the radiance that a ray finds, and of its
        square; rays: number of these rays; received: sum, over points, of the luminance of R of the point's leaf. All
-       are weighted by sbl__point_weight and by the share of the point's leaf. */
+       are weighted by sbl__point_weight and by the `fraction` of the point's leaf. */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -15677,7 +15732,7 @@ typedef struct sbl__bounce {
 
 /* ======================================================================================================== >>cast
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
-   that the rays of points find after they have hit metal (sbl__bounce_point.shine). */
+   that the rays of points find after they have hit metal (sbl__bounce_point.metal_light). */
 
 #define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
@@ -15700,8 +15755,8 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
-"// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that go\n",
-"// on, see trace.glsl\n",
+"// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that\n",
+"// continue, see trace.glsl\n",
 "#ifdef SBL_COMPUTE\n",
 "#define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)\n",
 "#else\n",
@@ -15713,14 +15768,14 @@ static const char *const sbl__glsl_cast[] = {
 "#ifdef SBL_GROUPS\n",
 "// out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.\n",
 "// rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light\n",
-"SBL_OUT(3, out_parts);\n",
+"SBL_OUT(3, out_last_light);\n",
 "#endif\n",
-"vec4 parts;\n",
+"vec4 last_light;\n",
 "uniform int sky_layer;\n",
 "\n",
 "// Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and\n",
 "// throughput to this segment. Returns the light of lamps and of the sky.\n",
-"vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,\n",
+"vec3 sbl_continue_ray(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,\n",
 "               inout vec3 throughput, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
 "    sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
@@ -15730,20 +15785,20 @@ static const char *const sbl__glsl_cast[] = {
 "    direction = next.direction;\n",
 "    hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);\n",
 "    throughput *= next.throughput * sbl_tint;\n",
-"    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
+"    last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
 "    if (hit.triangle < 0) {\n",
-"        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
-"        return light + parts.rgb;\n",
+"        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
+"        return light + last_light.rgb;\n",
 "    }\n",
 "    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
-"    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
-"    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
-"    return light + parts.rgb;\n",
+"    last_light.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));\n",
+"    last_light.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);\n",
+"    return light + last_light.rgb;\n",
 "}\n",
 "#endif\n",
 "\n",
-"// Traces the first segment of a ray. Returns true if the ray goes on from metal.\n",
+"// Traces the first segment of a ray. Returns true if the ray continues from metal.\n",
 "bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction) {\n",
 "    origin = sbl_cast_origin(ray);\n",
 "    direction = sbl_cast_direction(ray);\n",
@@ -15782,19 +15837,19 @@ static const char *const sbl__glsl_cast[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Writes the light that a ray has found after it hit metal.\n",
-"void sbl_cast_write_metal_light(int ray, vec4 shine) {\n",
-"    sbl_write_ray(out_metal_light, ray, shine);\n",
+"void sbl_cast_write_metal_light(int ray, vec4 light) {\n",
+"    sbl_write_ray(out_metal_light, ray, light);\n",
 "#ifdef SBL_GROUPS\n",
-"    sbl_write_ray(out_parts, ray, parts);\n",
+"    sbl_write_ray(out_last_light, ray, last_light);\n",
 "#endif\n",
 "}\n",
 "\n",
 "// Continues a ray that has hit metal, and writes the light that it finds.\n",
-"void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
+"void sbl_cast_continue(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
 "    uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;\n",
 "    hit_continues = true;\n",
-"    sbl_cast_write_metal_light(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));\n",
+"    sbl_cast_write_metal_light(ray, vec4(sbl_continue_ray(hit, material, origin, direction, throughput, hash), 1));\n",
 "    // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that\n",
 "    // the sky's light is not added again.\n",
 "    sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);\n",
@@ -15802,10 +15857,10 @@ static const char *const sbl__glsl_cast[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_POOLED\n",
-"shared int pool_count;                  // number of rays in the pool\n",
-"shared vec4 pool_ways[SBL_CAST_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
-"shared vec4 pool_tints[SBL_CAST_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[SBL_CAST_POOL];  // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared int pool_count;                       // number of rays in the pool\n",
+"shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
+"shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2\n",
+"shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
 "\n",
 "void main() {\n",
 "    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;\n",
@@ -15815,10 +15870,10 @@ static const char *const sbl__glsl_cast[] = {
 "    for (int ray = first + mine; ray < min(first + SBL_CAST_POOL, count); ray += SBL_LOCKSTEP) {\n",
 "        sbl_Hit hit;\n",
 "        vec3 origin, direction;\n",
-"        bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
-"        if (goes_on) {\n",
+"        bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
+"        if (continues) {\n",
 "            int at = atomicAdd(pool_count, 1);\n",
-"            pool_ways[at] = vec4(direction, hit.b1);\n",
+"            pool_directions[at] = vec4(direction, hit.b1);\n",
 "            pool_tints[at] = vec4(sbl_tint, hit.b2);\n",
 "            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "        } else {\n",
@@ -15831,9 +15886,9 @@ static const char *const sbl__glsl_cast[] = {
 "    int filled = pool_count;\n",
 "    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {\n",
 "        int triangle = pool_hits[at].x >> 1;\n",
-"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_tints[at].w,\n",
-"                              (pool_hits[at].x & 1) != 0);\n",
-"        sbl_cast_on(pool_hits[at].y, hit, vec3(0), pool_ways[at].xyz, pool_tints[at].rgb);\n",
+"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
+"                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);\n",
+"        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -15843,12 +15898,13 @@ static const char *const sbl__glsl_cast[] = {
 "    if (ray >= count) sbl_leave;\n",
 "    sbl_Hit hit;\n",
 "    vec3 origin, direction;\n",
-"    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);\n",
+"    bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
 "    sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "#ifdef SBL_BOUNCED\n",
-"    parts = vec4(0);\n",
+"    last_light = vec4(0);\n",
 "    sbl_cast_write_metal_light(ray, vec4(0));\n",
-"    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);\n",
+"    for (int once = 0; once < (continues ? 1 : 0); once++)\n",
+"        sbl_cast_continue(ray, hit, origin, direction, sbl_tint);\n",
 "#endif\n",
 "}\n",
 "#endif\n",
@@ -15864,7 +15920,7 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
-/* the program that casts rays in scenes with metal, where rays that hit metal continue */
+/* The program that casts rays in scenes with metal, where rays that hit metal continue */
 static const sbl__recipe sbl__recipe_cast_metal = {
     "cast", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_invocation,
@@ -15878,7 +15934,7 @@ static const sbl__recipe sbl__recipe_cast_metal = {
 /* Returns 1 if rays that fill the store may hit metal. */
 static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
 
-/* Returns SBL__POOLED if the invocations of a workgroup of cast.glsl share the rays that go on, otherwise 0. */
+/* Returns SBL__POOLED if the invocations of a workgroup of cast.glsl share the rays that continue, otherwise 0. */
 static unsigned sbl__cast_pools(const sbl__device *d, const sbl__scene *scene) {
     return sbl__cast_has_metal(scene) && d->features & SBL__COMPUTE && d->workgroup == SBL__LOCKSTEP ? SBL__POOLED : 0;
 }
@@ -15929,8 +15985,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Makes a hit of the outputs of cast.glsl for one ray. shine: its third output, or NULL in scenes without metal */
-static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *shine,
+/* Makes a hit from the outputs of cast.glsl for one ray. metal: its third output, or NULL in scenes without metal */
+static void sbl__cast_take(const sbl__cast *ray, const float position[4], const float albedo[4], const float *metal,
                            sbl__hit *out) {
     const double low = fabs((double)position[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
@@ -15942,25 +15998,25 @@ static void sbl__cast_take(const sbl__cast *ray, const float position[4], const 
     out->leaf = SBL__NOWHERE;
     out->side = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (position[3] < 0);
     sbl__albedo_pack(albedo, out->albedo);
-    out->by_metal = shine && shine[3] > 0;
+    out->by_metal = metal && metal[3] > 0;
 }
 
-/* Returns the layers of a point's `light` or, if `shine` is 1, of its `shine`: 3 floats per light group. */
-static float *sbl__point_layers(const sbl__bounce *b, int point, int shine) {
-    return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)shine);
+/* Returns the layers of a point's `light` or, if `metal` is 1, of its `metal_light`: 3 floats per light group. */
+static float *sbl__point_layers(const sbl__bounce *b, int point, int metal) {
+    return b->layers + 3 * (size_t)b->core->scene.light_groups * (2 * (size_t)point + (size_t)metal);
 }
 
-/* Adds the light that a point's ray finds after it has hit metal to the point's field `shine`. parts: out_parts of
-   cast.glsl; NULL without light groups */
-static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *parts) {
+/* Adds the light that a point's ray finds after it has hit metal to the point's field `metal_light`. last_light:
+   out_last_light of cast.glsl; NULL without light groups */
+static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light[3], const float *last_light) {
     sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
     int k;
-    for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
-    if (parts) {
+    for (k = 0; k < 3; k++) point->metal_light[k] += light[k] / SBL__BOUNCE_RAYS;
+    if (last_light) {
         float *layers = sbl__point_layers(b, ray / SBL__BOUNCE_RAYS, 1);
-        const int last = (int)parts[3] % SBL__CAST_LAYERS, lamp = (int)parts[3] / SBL__CAST_LAYERS;
-        for (k = 0; k < 3; k++) layers[3 * last + k] += parts[k] / SBL__BOUNCE_RAYS;
-        for (k = 0; k < 3; k++) layers[3 * lamp + k] += (light[k] - parts[k]) / SBL__BOUNCE_RAYS;
+        const int last = (int)last_light[3] % SBL__CAST_LAYERS, lamp = (int)last_light[3] / SBL__CAST_LAYERS;
+        for (k = 0; k < 3; k++) layers[3 * last + k] += last_light[k] / SBL__BOUNCE_RAYS;
+        for (k = 0; k < 3; k++) layers[3 * lamp + k] += (light[k] - last_light[k]) / SBL__BOUNCE_RAYS;
     }
 }
 
@@ -15969,8 +16025,8 @@ static void sbl__cast_add_metal_light(sbl__bounce *b, int ray, const float light
 static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                  sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
-    const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
+    const double allowed = sbl__pace_begin(&b->pace, slice, 1024, 64);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(allowed, (double)SBL__CAST_MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t room_made = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
@@ -15979,7 +16035,7 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
     sbl_result result;
     int i, k, lost = 0;
     d->gl.doing = "casting rays between surfaces";
-    if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(d->base, &hits->list, &hits->capacity, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
     rays = (sbl__cast *)sbl__alloc_raw(d->base, room_made, sizeof *rays + 16 * (size_t)outputs);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
@@ -16042,7 +16098,7 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
                                          get cells of the widest level, otherwise of the level below it */
 #define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
                                              that are too small to get a surface sample by area get one, too */
-#define SBL__BOUNCE_AFAR 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
+#define SBL__BOUNCE_LONG 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
@@ -16129,17 +16185,17 @@ static sbl_result sbl__cells_grid(void *work, sbl__slice *slice) {
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
     const double area = 2 * p->area / (SBL__STORE_FILL_AIM * s->max_leaves);
-    int k, room = 1024;
+    int k, capacity = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
     s->unseen_level = p->growth < SBL__BOUNCE_UNSEEN_WIDE ? SBL__LEVELS - 1 : SBL__LEVELS - 2;
     s->length = (float)sqrt(p->growth * area);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-    while (room < 2 * s->max_leaves) room *= 2;
+    while (capacity < 2 * s->max_leaves) capacity *= 2;
     sbl__free(base, s->cells);
-    s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
-    s->cell_capacity = s->cells ? room : 0;
+    s->cells = (sbl__cell_bucket *)sbl__alloc(base, (size_t)capacity, sizeof *s->cells);
+    s->cell_capacity = s->cells ? capacity : 0;
     s->leaf_count = s->cut_count = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -16148,7 +16204,7 @@ static int sbl__cells_triangles(void *work) { return ((sbl__bounce *)work)->geom
 
 /* Adds a hit to a list. Returns 0 if memory is exhausted. */
 static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
-    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
+    if (!sbl__grow(&b->core->base, &to->list, &to->capacity, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
     return 1;
 }
@@ -16211,7 +16267,7 @@ static int sbl__cells_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
     point->measured = point->valid = 0;
-    memset(point->shine, 0, sizeof point->shine);
+    memset(point->metal_light, 0, sizeof point->metal_light);
     if (row) {
         if (!sbl__grow(&b->core->base, &b->layers, &b->layer_capacity, b->point_count, row)) return 0;
         memset(sbl__point_layers(b, b->point_count - 1, 0), 0, row);
@@ -16251,7 +16307,7 @@ static int sbl__cells_black_most(const sbl__bounce *b) {
 
 /* Returns the maximum number of points of a leaf: a queued hit becomes a point only if its leaf has fewer. */
 static int sbl__points_most(const sbl__bounce *b, const sbl__hit *at, int leaf) {
-    return at->distance > SBL__BOUNCE_AFAR * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
+    return at->distance > SBL__BOUNCE_LONG * b->store->length ? b->states[leaf].most : SBL__BOUNCE_POINTS;
 }
 
 /* Returns 1 if placing hit `number` of all points' rays again would change nothing: no cut has split the leaf since the
@@ -16537,7 +16593,7 @@ static sbl_result sbl__contacts_cast(void *work, sbl__slice *slice) {
                           &b->contacts, slice);
 }
 
-/* the line along which an object stands on a flat surface */
+/* The line along which an object stands on a flat surface */
 typedef struct sbl__contact {
     uint32_t patch;              /* patch word of the flat surface on which the object stands */
     uint32_t object;             /* identifies the object: patch word | 1 if its patch is flat, else 2 * triangle */
@@ -16602,7 +16658,7 @@ static sbl_result sbl__contacts_store_cut(sbl__bounce *b, uint32_t *reference, c
 
 /* Cuts the part of a cell that a reference leads to, with or without a leaf. If the reference leads to a cut, cuts the
    parts on the sides of the cut that the line crosses. Does not cut below SBL__CELL_DEPTH cuts, or twice along a line.
-   depth: number of cuts above the reference. range: where the line enters and leaves the part, 0 to 1 */
+   depth: number of cuts above the reference. range: where the line enters and leaves this part of the cell, 0 to 1 */
 static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -16627,10 +16683,10 @@ static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *lin
     if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
-        double part[2];
+        double part_range[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
-        for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__contact_cut_below(b, line, &s->cuts[cut].sides[side], part, depth + 1);
+        for (i = 0; i < 2; i++) part_range[i] = sign * over[i] < 0 ? cross : range[i];
+        result = sbl__contact_cut_below(b, line, &s->cuts[cut].sides[side], part_range, depth + 1);
     }
     return result;
 }
@@ -16662,7 +16718,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     return result;
 }
 
-/* Cuts all cells along the line, of all levels and for near and far rays, unless b->recent_lines contains the line. */
+/* Cuts all cells along the line, of all levels and for short and long rays, unless b->recent_lines contains it. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
     uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
@@ -17001,15 +17057,15 @@ static float sbl__solution_fraction(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
     uint32_t patch, reference;
-    float share = 1;
-    if (!b->states[leaf].points) return share;
+    float fraction = 1;
+    if (!b->states[leaf].points) return fraction;
     sbl__hit_find(b, first, &patch);
     for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
         sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
-        if (cut->divides) share *= 0.5f;
+        if (cut->divides) fraction *= 0.5f;
         reference = *sbl__cut_side(cut, first->position);
     }
-    return share;
+    return fraction;
 }
 
 /* Allocates the reads of all points. */
@@ -17048,8 +17104,8 @@ static void sbl__solution_reads(sbl__bounce *b, int leaf) {
     if (leaf + 1 == b->store->leaf_count) memset(&b->reads[end], 0, SBL__BOUNCE_AHEAD * sizeof *b->reads);
 }
 
-/* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if it
-   has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
+/* Sets a leaf's number of valid points, its `fraction` and, in b->direct, the mean direct light of its valid points (0
+   if it has none). Unless the leaf is SBL__BRIGHT, sets its light to this direct light. Makes the leaf's reads. */
 static sbl_result sbl__solution_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -17057,7 +17113,7 @@ static sbl_result sbl__solution_direct(void *work, int at) {
     float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
-    state->share = sbl__solution_fraction(b, at);
+    state->fraction = sbl__solution_fraction(b, at);
     sbl__solution_reads(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
@@ -17065,7 +17121,7 @@ static sbl_result sbl__solution_direct(void *work, int at) {
         if (!b->points[i].valid) continue;
         sbl__solution_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
-        for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].shine[k]) / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].metal_light[k]) / (float)state->valid;
     }
     for (k = 0; k < 3; k++) light[k] += all_sky[k];
     if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
@@ -17093,7 +17149,7 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
     sbl__solution_sky(b, point, sky);
     for (k = 0; k < 3; k++)
         light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k] +
-                   b->points[point].shine[k];
+                   b->points[point].metal_light[k];
 }
 
 /* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points' rays read.
@@ -17204,10 +17260,10 @@ static sbl_result sbl__solution_layers_direct(void *work, int at) {
     int i, k;
     memset(direct, 0, sizeof *direct * (size_t)floats);
     for (i = state->first; i < state->first + state->points; i++) {
-        const float *own = sbl__point_layers(b, i, 0), *shine = sbl__point_layers(b, i, 1);
+        const float *own = sbl__point_layers(b, i, 0), *metal = sbl__point_layers(b, i, 1);
         if (!b->points[i].valid) continue;
         sbl__solution_sky(b, i, light);
-        for (k = 0; k < floats; k++) direct[k] += (own[k] + shine[k]) / (float)state->valid;
+        for (k = 0; k < floats; k++) direct[k] += (own[k] + metal[k]) / (float)state->valid;
         for (k = 0; k < 3; k++) direct[sky + k] += light[k] / (float)state->valid;
     }
     if (state->bright != SBL__BRIGHT)
@@ -17359,13 +17415,13 @@ static sbl_result sbl__division_moments(void *work, int at) {
     for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
         float reflected[3] = { 0, 0, 0 };
         sbl__leaf_moments *to;
-        double share;
+        double albedo;
         if (hits[j].leaf == SBL__NOWHERE) continue;
         to = &b->division->moments[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
-        share = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
+        albedo = (double)(sbl__luminance(reflected) / SBL__ALBEDO_ONE);
         to->hits += w;
-        to->weight += w * share * share;
+        to->weight += w * albedo * albedo;
         for (k = 0; k < 3; k++) {
             const double x = (double)hits[j].position[k] - b->points[b->states[hits[j].leaf].first].at.position[k];
             to->offsets[k] += w * x;
@@ -17438,11 +17494,11 @@ static int sbl__division_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     const double leaves = b->store->leaf_count;
-    double room = SBL__MIN(SBL__DIVIDE_FRACTION * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
+    double budget = SBL__MIN(SBL__DIVIDE_FRACTION * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
     b->divisions++;
     d->exact = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
-    for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
-        room -= d->classes[d->least - 1];
+    for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= budget; d->least--)
+        budget -= d->classes[d->least - 1];
     return SBL__BOUNCE_DIVIDE;
 }
 
@@ -17537,11 +17593,11 @@ static int sbl__brighter(const void *first, const void *second) {
 }
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->leaf_found. b->leaf_found
-   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is in `shine`. */
+   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is `metal_light`. */
 static sbl_result sbl__bright_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
-    const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
+    const double weight = (double)b->states[b->points[at].leaf].fraction * sbl__point_weight(b, at);
     int j;
     if (at == 0) {
         memset(b->leaf_found, 0, sizeof *b->leaf_found * (size_t)b->store->leaf_count);
@@ -17591,7 +17647,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
-        const double weight = (double)b->states[b->points[i].leaf].share * sbl__point_weight(b, i);
+        const double weight = (double)b->states[b->points[i].leaf].fraction * sbl__point_weight(b, i);
         int crowd = 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
             crowd += hits[j].leaf != SBL__NOWHERE && b->leaf_found[hits[j].leaf].bucket >= 0;
@@ -17625,11 +17681,11 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 
-/* Returns the leaf that far rays read at a leaf's first point, or -1 if that leaf or point does not exist. */
-static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
+/* Returns the leaf that long rays read at a leaf's first point, or -1 if that leaf or point does not exist. */
+static int sbl__bright_for_long(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
-    return (int)sbl__store_from_afar(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_SHORT, at->position) - 1;
+    return (int)sbl__store_for_long(b->store, sbl__hit_patch(b->store, at) & ~SBL__PATCH_SHORT, at->position) - 1;
 }
 
 /* Marks a leaf as bright: makes the red of its light negative, and adds its cell to the store's list. */
@@ -17641,22 +17697,22 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 }
 
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
-   Candidates are leaves that far rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
+   Candidates are leaves that long rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
     const double least = SBL__BRIGHT_LEAST * b->found.light;
     sbl__bright_leaf *list = NULL;
     sbl__bright_view *views;
-    int i, count = 0, room = 0, kept;
+    int i, count = 0, capacity = 0, kept;
     (void)slice;
     sbl__free(&b->core->base, s->bright);
     s->bright = NULL;
     s->bright_count = 0;
     for (i = 0; i < s->leaf_count; i++) {
         const double light = (double)b->leaf_found[i].light, hits = (double)b->leaf_found[i].rays;
-        if (!(light * b->found.rays > least * hits) || sbl__bright_from_afar(b, i) != i) continue;
-        if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
+        if (!(light * b->found.rays > least * hits) || sbl__bright_for_long(b, i) != i) continue;
+        if (!sbl__grow(&b->core->base, &list, &capacity, count + 1, sizeof *list)) {
             sbl__free(&b->core->base, list);
             return SBL_ERROR_OUT_OF_MEMORY;
         }
@@ -17676,8 +17732,8 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
     for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
     for (i = 0; i < s->leaf_count && s->bright; i++) {
-        const int afar = b->states[i].bright ? -1 : sbl__bright_from_afar(b, i);
-        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_AFAR;
+        const int long_leaf = b->states[i].bright ? -1 : sbl__bright_for_long(b, i);
+        if (long_leaf >= 0 && b->states[long_leaf].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_LONG;
     }
     sbl__free(&b->core->base, list);
     if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
@@ -17702,8 +17758,8 @@ static int sbl__bright_after_glow(void *work) {
     b->glows = !b->core->scene.bright.ready || !b->core->scene.bright.glow_count ? SBL__GLOWS_NOWHERE
              : b->glows ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_ON_GLOWS;
     for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
-        const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
-        if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
+        const int long_leaf = b->states[i].bright ? sbl__bright_for_long(b, i) : -1;
+        if (long_leaf < 0 || !sbl__leaf_is_bright(b->store->leaves[long_leaf].light)) b->states[i].bright = 0;
     }
     for (i = 0; i < b->store->leaf_count; i++)  /* Rays that have hit metal read bright leaves. They need red
                                                    without its sign, which sbl__uncertainty_leaf sets again. */
@@ -17809,12 +17865,12 @@ static int sbl__uncertainty_after_propagate(void *work) {
    error that this causes in the light of one ray of a point, as a squared luminance, if the light within the cell has a
    relative standard deviation of 1. at, normal: of the point; hit: where the ray ends. The mean over the rays of a
    point is the squared error of its light. The error grows with the fraction of the point's hemisphere that the cell
-   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, which do
-   not read this cell, and for bright leaves, which rays skip. */
+   covers. It falls with the distance, because seen from a distance, all parts have the same weight. It is 0 for short
+   rays, which do not read this cell, and for bright leaves, which rays skip. */
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
-    double cosines[2] = { 0, 0 }, across, light, share;
+    double cosines[2] = { 0, 0 }, across, light, cover;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_short(b->store, hit->distance)) return 0;
     across = (double)b->store->length / (double)hit->distance;
@@ -17826,8 +17882,8 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
         cosines[0] += step * (double)normal[k];
         cosines[1] += step * (double)other[k];
     }
-    share = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
-    return light * light * share * SBL__MIN(across * across, 1);
+    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
+    return light * light * cover * SBL__MIN(across * across, 1);
 }
 
 /* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
@@ -18045,23 +18101,23 @@ static float sbl__bounce_progress(const sbl__core *c) {
                                           leaves */
 
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
-enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
+enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_HASHES };
 
 /* The header of a stream. In all versions it begins with name, version and order. */
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t parts[SBL__SAVED_PARTS];  /* hashes of the scene, see sbl__saved_scene */
+    uint64_t hashes[SBL__SAVED_HASHES]; /* hashes of the scene, see sbl__saved_scene */
     int32_t made_for;                  /* sbl__store.made_for */
     int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
 /* Computes one hash for each part of the scene that stored light depends on. */
-static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
+static void sbl__saved_scene(const sbl__scene *s, uint64_t hashes[SBL__SAVED_HASHES]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
-    uint64_t *meshes = &parts[SBL__SAVED_MESHES], *materials = &parts[SBL__SAVED_MATERIALS];
-    uint64_t *sky = &parts[SBL__SAVED_SKY];
+    uint64_t *meshes = &hashes[SBL__SAVED_MESHES], *materials = &hashes[SBL__SAVED_MATERIALS];
+    uint64_t *lights = &hashes[SBL__SAVED_LIGHTS], *sky = &hashes[SBL__SAVED_SKY];
     const uint64_t seed = SBL__SAVED_SEED;
     int i;
     *meshes = sbl__hash_bytes(seed, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
@@ -18079,11 +18135,11 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_SPECULAR_BYTES);
     }
-    parts[SBL__SAVED_LIGHTS] = seed;
+    *lights = seed;
     for (i = 0; i < s->lamps.light_count; i++) {
         sbl_light light = s->lamps.lights[i];
         if (light.kind != SBL_LIGHT_DIRECTIONAL) sbl__from_host(g->centre, light.position, light.position);
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &light, offsetof(sbl_light, light_group));
+        *lights = sbl__hash_bytes(*lights, &light, offsetof(sbl_light, light_group));
     }
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
     *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
@@ -18094,8 +18150,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     for (i = 0; i < g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) *materials = sbl__hash_bytes(*materials, &g->objects[i].layer, 4);
     for (i = 0; i < s->lamps.light_count; i++)
-        parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(parts[SBL__SAVED_LIGHTS], &s->lamps.lights[i].light_group,
-                                                   sizeof s->lamps.lights[i].light_group);
+        *lights = sbl__hash_bytes(*lights, &s->lamps.lights[i].light_group, sizeof s->lamps.lights[i].light_group);
     *sky = sbl__hash_bytes(*sky, &e->layer, sizeof e->layer);
     *sky = sbl__hash_bytes(*sky, &s->light_groups, sizeof s->light_groups);
 }
@@ -18137,7 +18192,7 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = s->light_groups ? SBL__SAVED_GROUPED : SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
-    sbl__saved_scene(s, header.parts);
+    sbl__saved_scene(s, header.hashes);
     header.made_for = s->store.made_for;
     header.triangles = s->geometry.triangle_count;
     header.cells = s->store.cell_capacity;
@@ -18161,20 +18216,21 @@ static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const 
     fault->item = item;
 }
 
-/* Checks that a header belongs to this scene. If not, sets the fault, which names the parts that differ. */
+/* Checks that a header belongs to this scene. If not, sets the fault, which names the parts of the scene that
+   differ. */
 static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sbl__saved_fault *fault) {
-    static const char *const words[SBL__SAVED_PARTS] = { "other meshes", "other materials or textures", "other lights",
+    static const char *const words[SBL__SAVED_HASHES] = { "other meshes", "other materials or textures", "other lights",
                                                          "another sky" };
-    uint64_t parts[SBL__SAVED_PARTS];
+    uint64_t hashes[SBL__SAVED_HASHES];
     int i, differ = 0, named = 0;
     size_t length = 0;
-    sbl__saved_scene(s, parts);
-    if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
-    for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
+    sbl__saved_scene(s, hashes);
+    if (header->triangles != s->geometry.triangle_count) hashes[SBL__SAVED_MESHES] = ~header->hashes[SBL__SAVED_MESHES];
+    for (i = 0; i < SBL__SAVED_HASHES; i++) differ += hashes[i] != header->hashes[i];
     if (!differ) return;
     sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "the light was stored for a scene with ");
-    for (i = 0; i < SBL__SAVED_PARTS; i++) {
-        if (parts[i] == header->parts[i]) continue;
+    for (i = 0; i < SBL__SAVED_HASHES; i++) {
+        if (hashes[i] == header->hashes[i]) continue;
         length = strlen(fault->why);
         snprintf(fault->why + length, sizeof fault->why - length, "%s%s",
                  !named ? "" : named == differ - 1 ? " and " : ", ", words[i]);
@@ -18400,7 +18456,7 @@ typedef struct sbl__pixel_lobe {
     float view[3];            /* unit vector to the viewer */
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
-    float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
+    float fixed_error;        /* standard error of the luminance of FINAL that this refinement cannot reduce, because
                                  albedo * R and stored light, in the lobe and in panes, cause it */
     float light;              /* luminance of R; 0: the lobe is too narrow for its light to change as R does */
 } sbl__pixel_lobe;
@@ -18415,9 +18471,9 @@ typedef struct sbl__pixel_lobe {
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance share */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance share */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance share */
+#define SBL__LOOKS_COMPARED 64          /* minimum number of differences for the correction of a variance ratio */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor that corrects a variance ratio */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of the factor that corrects a variance ratio */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
 
 #define SBL__REFINE_STAGES(X) \
@@ -18438,7 +18494,7 @@ typedef struct sbl__pixel_lobe {
     X(SBL__REFINE_TAKE_PLACES, NULL, sbl__places_take, sbl__refine_sites, sbl__refine_after_take)
 enum { SBL__REFINE_STAGES(SBL__STAGE_NAME) SBL__REFINE_DONE };
 
-/* two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
+/* Two pixels: the ends of a line, or the upper left and lower right corners of a rectangle */
 typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 
 typedef struct sbl__tile {
@@ -18495,7 +18551,7 @@ typedef struct sbl__refine {
     uint32_t sensor_count;    /* number of sensors, including sensor 0 */
     sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined, by predicted errors of FINAL. NULL: R is
                                  refined */
-    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
+    float *albedos;           /* per pixel: luminance of the albedo with which FINAL shows R; predicted errors are then
                                  errors of FINAL. NULL: predicted errors are errors of R */
     float *stored_light;      /* per pixel: R from the store, 3 floats; NULL except in SBL_MODE_GI */
     size_t layer_floats;      /* number of floats of one pixel in layers 1 and up of light: 3 per layer */
@@ -18539,7 +18595,7 @@ typedef struct sbl__refine {
     double shown_pixels;      /* number of pixels in these two sums */
     double shown_sum;         /* for the next shown2: sum over pixels of albedo * R, in luminance */
     float shown2;             /* see sbl__weigh_shown2 */
-    double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
+    double diffuse_light[3];  /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
     double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
 
     /* the noise of looks, see >>weigh */
@@ -18554,8 +18610,8 @@ typedef struct sbl__refine {
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared standard error that stored light causes in the luminance
-                                 of R or, if `shares` is set, of FINAL. In a refinement of lobes, sum over pixels of
-                                 sbl__pixel_lobe.rest squared */
+                                 of R or, if `albedos` is set, of FINAL. In a refinement of lobes, sum over pixels of
+                                 sbl__pixel_lobe.fixed_error squared */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
     double stored, own;       /* two parts of `predicted`: stored is caused by uncertainty2; own is caused by the noise
                                  of sensors and by interpolation */
@@ -18565,7 +18621,7 @@ typedef struct sbl__refine {
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
     float least_worth;        /* lowest worth that this round buys; FLT_MAX: only necessary splits are bought */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
-    double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
+    double expected_weight;   /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
 } sbl__refine;
 
 /* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
@@ -18575,7 +18631,7 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->lobes, r->shares, r->stored_light, r->layers, r->tiles, r->sites,
+    void *const blocks[] = { r->pixels, r->lobes, r->albedos, r->stored_light, r->layers, r->tiles, r->sites,
                              r->readings, r->reading_layers, r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
@@ -18678,8 +18734,8 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__sensor *s, int before,
 }
 
 /* Computes r->variance_ratios: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
-   differences, because the advantage of a Sobol sequence over independent points depends on the scene. A share [k] with
-   too few differences is corrected by the factor of share [k - 1]. With a price, no share is corrected, because each
+   differences, because the advantage of a Sobol sequence over independent points depends on the scene. A ratio [k] with
+   too few differences is corrected by the factor of ratio [k - 1]. With a price, no ratio is corrected, because each
    window would correct it by another factor, and its noise would then differ from that of adjacent windows. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
@@ -18732,8 +18788,8 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
    2 to 16 pixels. */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference (between two sensors:
-                                           difference) of the light that it continues */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light, as a fraction of the second difference of light
+                                           at the nearest three sensors, or of the difference if there are only two */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* the error of extrapolated light is at least this * the larger of the sensor's
                                            R and the mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SBL__SILHOUETTE_ERROR if another surface is close, which may cast a
@@ -18747,25 +18803,25 @@ static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) 
                                            between neighbouring sensors */
 
 /* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
-static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
-    return sbl__pixel_at(r, c->area.x[corner & 1], c->area.y[corner >> 1]);
+static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *t, int corner) {
+    return sbl__pixel_at(r, t->area.x[corner & 1], t->area.y[corner >> 1]);
 }
 
 /* Returns the larger of a tile's width and height, or 0 for a picture of one pixel. Tiles of span 0 or 1 are not
    split. */
-static int sbl__tile_span(const sbl__tile *c) {
-    return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
+static int sbl__tile_span(const sbl__tile *t) {
+    return SBL__MAX(t->area.x[1] - t->area.x[0], t->area.y[1] - t->area.y[0]);
 }
 
 typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__edge;
 
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
-static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
+static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *t, int side) {
     sbl__edge e;
     int end;
     for (end = 0; end < 2; end++) {
-        e.line.x[end] = c->area.x[side < 2 ? end : side - 2];
-        e.line.y[end] = c->area.y[side < 2 ? side : end];
+        e.line.x[end] = t->area.x[side < 2 ? end : side - 2];
+        e.line.y[end] = t->area.y[side < 2 ? side : end];
         e.ends[end] = sbl__pixel_at(r, e.line.x[end], e.line.y[end]);
     }
     return e;
@@ -18782,8 +18838,8 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
 }
 
 /* Returns the pixels that a tile fills in: all but its last column and row, unless the picture ends there. */
-static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
-    sbl__range pixels = c->area;
+static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *t) {
+    sbl__range pixels = t->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
     pixels.y[1] -= pixels.y[1] < r->height - 1;
     return pixels;
@@ -18792,7 +18848,7 @@ static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
 /* A weighted mean of one layer of light over sensors. Until sbl__interpolate returns, light and variance are sums. */
 typedef struct sbl__mix {
     int layer;
-    float share[2];           /* position of the pixel in the tile, 0 to 1 on each axis */
+    float fraction[2];        /* position of the pixel in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners on the pixel's surface, 0 to 1 */
     float covered;            /* `own` plus the weight of extrapolated corners; 0: no light */
@@ -18809,24 +18865,24 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
 /* Adds light in place of a corner whose light the pixel cannot use: extrapolates linearly from each adjacent corner and
    the sensor at equal distance beyond it, or copies the adjacent corner if no sensor is there. Adds nothing if the
    pixel cannot use the light of any adjacent corner. */
-static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
+static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *t, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
     const int right = corner & 1, lower = corner >> 1;
-    float share;
+    float portion;
     int axis;
     for (axis = 0; axis < 2; axis++) {
-        const sbl__edge e = sbl__tile_edge(r, c, axis ? 2 + right : lower);
+        const sbl__edge e = sbl__tile_edge(r, t, axis ? 2 + right : lower);
         const int end = axis ? !lower : !right;
         adjacent[axis] = e.ends[0] == e.ends[1] ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
         beyond[axis] = adjacent[axis] ? sbl__sensor_beyond(r, pixel, &e, end, 1) : NULL;
     }
-    share = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
+    portion = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
     for (axis = 0; axis < 2; axis++) {
         if (!adjacent[axis]) continue;
-        sbl__mix_add(r, m, adjacent[axis], beyond[axis] ? 2 * share : share);
-        if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -share);
-        m->covered += share;
+        sbl__mix_add(r, m, adjacent[axis], beyond[axis] ? 2 * portion : portion);
+        if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -portion);
+        m->covered += portion;
     }
 }
 
@@ -18834,34 +18890,34 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Computes the distance of pixel (x, y) from a tile's left and upper edge, as fractions of its width and height. */
-static void sbl__tile_position(const sbl__tile *c, int x, int y, float share[2]) {
-    const sbl__range *a = &c->area;
-    share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
-    share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
+static void sbl__tile_position(const sbl__tile *t, int x, int y, float fraction[2]) {
+    const sbl__range *a = &t->area;
+    fraction[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
+    fraction[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
 }
 
-/* Returns the bilinear weight of a tile's corner at a position in the tile. share: see sbl__tile_position */
-static float sbl__tile_weight(const float share[2], int corner) {
-    return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
+/* Returns the bilinear weight of a tile's corner at a position in the tile. fraction: see sbl__tile_position */
+static float sbl__tile_weight(const float fraction[2], int corner) {
+    return (corner & 1 ? fraction[0] : 1 - fraction[0]) * (corner & 2 ? fraction[1] : 1 - fraction[1]);
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. If no light can be used, m->covered is 0. */
-static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
+static void sbl__interpolate(const sbl__refine *r, const sbl__tile *t, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_position(c, x, y, m->share);
+    sbl__tile_position(t, x, y, m->fraction);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        float weight = sbl__tile_weight(m->share, corner), belongs;
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
+        float weight = sbl__tile_weight(m->fraction, corner), belongs;
         if (weight <= 0) continue;
         belongs = sbl__usable(r, p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
         if (belongs > 0) {
             sbl__mix_add(r, m, p, weight * belongs);
             m->own += weight * belongs;
             m->covered += weight * belongs;
-        } else if (r->geometry_aware) sbl__mix_extrapolate(r, c, corner, pixel, weight, m);
+        } else if (r->geometry_aware) sbl__mix_extrapolate(r, t, corner, pixel, weight, m);
     }
     if (!(m->covered > 0)) return;
     for (k = 0; k < 3; k++) m->light[k] = sbl__clamp_light(layer, m->light[k] / m->covered);
@@ -18942,16 +18998,16 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
     const float *own = sbl__pixel_light(r, p, 0), *after = sbl__pixel_light(r, next ? next : p, 0);
-    float difference[3], unseen[3], share = SBL__SILHOUETTE_ERROR;
+    float difference[3], unseen[3], fraction = SBL__SILHOUETTE_ERROR;
     int k;
     if (other->id && (!next || sbl__distance2(p->position, other->position) < SBL__CONTACT_DISTANCE *
                                    SBL__CONTACT_DISTANCE * sbl__distance2(p->position, next->position)))
-        share = SBL__CONTACT_ERROR;
-    if (r->atlas && !next) share = SBL__NARROW_ERROR;
+        fraction = SBL__CONTACT_ERROR;
+    if (r->atlas && !next) fraction = SBL__NARROW_ERROR;
     for (k = 0; k < 3; k++) {
         const double known = next && last ? own[k] - 2 * after[k] + sbl__pixel_light(r, last, 0)[k]
                            : next         ? own[k] - after[k] : 0;
-        unseen[k] = share * SBL__MAX(own[k], r->mean[k]);
+        unseen[k] = fraction * SBL__MAX(own[k], r->mean[k]);
         difference[k] = SBL__MAX(SBL__EXTRAPOLATION_ERROR * (float)fabs(known), unseen[k]);
     }
     *unseen2 += sbl__squared(r, unseen);
@@ -18959,12 +19015,12 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
 }
 
 /* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
-   interpolation and, with weight c->uncovered, of extrapolation. Sets c->unseen_bias2, a part of the second. */
-static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
+   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the second. */
+static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *t) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__edge e = sbl__tile_edge(r, t, side);
         float at[2][3], error[3];
         if (e.ends[0] == e.ends[1]) continue;
         if (sbl__edge_curvature(r, &e, 0, at)) {
@@ -18981,15 +19037,15 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     }
     if (insides) inside /= (float)insides;
     outside = outsides ? outside / (float)outsides : inside;
-    c->unseen_bias2 = outsides ? c->uncovered * unseen / (float)outsides : 0;
-    return (1 - c->uncovered) * inside + c->uncovered * outside;
+    t->unseen_bias2 = outsides ? t->uncovered * unseen / (float)outsides : 0;
+    return (1 - t->uncovered) * inside + t->uncovered * outside;
 }
 
 /* Returns the next pixel on a tile's edges that has usable light of its own, either from the store or from a sensor
    that a neighbour's split has added, or NULL at the end. Skips corners, where interpolation is exact. *at: counter of
    pixels on the edges, from 0. *guess: receives the light that the tile interpolates at this pixel */
-static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
-    const sbl__range *a = &c->area;
+static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *t, int *at, sbl__mix *guess) {
+    const sbl__range *a = &t->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
     while (*at < 2 * (width + height)) {
         const int along = *at < 2 * width, i = along ? *at >> 1 : (*at - 2 * width) >> 1, far_side = *at & 1;
@@ -18997,7 +19053,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         (*at)++;
         if (i == 0 || !sbl__usable(r, p)) continue;
-        sbl__interpolate(r, c, x, y, 0, guess);
+        sbl__interpolate(r, t, x, y, 0, guess);
         return p;
     }
     return NULL;
@@ -19005,12 +19061,12 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
 
 /* Returns the mean, over the sensors on a tile's edges, of the squared error of interpolation, less 1.5 times the
    variance that noise explains; 0: no sensors. */
-static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
+static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
     float sum = 0, difference[3];
     int k, at = 0, count = 0;
-    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL) {
+    while ((p = sbl__tile_next_sensor(r, t, &at, &guess)) != NULL) {
         if (!(guess.covered > 0)) continue;
         for (k = 0; k < 3; k++) difference[k] = sbl__pixel_light(r, p, 0)[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
@@ -19023,8 +19079,8 @@ static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
 /* Returns the squared error of interpolation in a tile, including noise. The error at sensors on the edges has half
    weight, and only counts if it exceeds sbl__tile_edge_bias2, because neighbours put such sensors where they had to
    split. */
-static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
-    const float edges2 = sbl__tile_edge_bias2(r, c), sensors2 = sbl__tile_sensor_bias2(r, c);
+static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *t) {
+    const float edges2 = sbl__tile_edge_bias2(r, t), sensors2 = sbl__tile_sensor_bias2(r, t);
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
 }
 
@@ -19048,11 +19104,11 @@ typedef struct sbl__corners {
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
-static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
+static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *t) {
     sbl__corners all = { 0, 0, 0 };
     int corner;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (sbl__usable(r, p) && s->looks) all.looks = all.looks ? SBL__MIN(all.looks, s->looks) : s->looks;
         all.is_new |= s->round == r->rounds - 1;
@@ -19064,15 +19120,15 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
 /* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with the fewest looks of the parent's
    sensors, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__tiles_add(sbl__refine *r, const sbl__range *area, int parent) {
-    sbl__tile *c;
+    sbl__tile *t;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_capacity, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
-    c = &r->tiles[r->tile_count++];
-    memset(c, 0, sizeof *c);
-    c->area = *area;
-    c->level = (short)(parent < 0 ? 0 : r->tiles[parent].level + 1);
-    c->parent = parent;
-    c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
+    t = &r->tiles[r->tile_count++];
+    memset(t, 0, sizeof *t);
+    t->area = *area;
+    t->level = (short)(parent < 0 ? 0 : r->tiles[parent].level + 1);
+    t->parent = parent;
+    t->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
     return SBL_SUCCESS;
 }
 
@@ -19085,8 +19141,8 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     r->tiles[index].split = 1;
     for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
         const int column = i & 1, row = i >> 1;
-        const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
-        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__tiles_add(r, &part, index);
+        const sbl__range quarter = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
+        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__tiles_add(r, &quarter, index);
     }
     return result;
 }
@@ -19115,18 +19171,18 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
 
 /* Returns 1 if the light of two corners on one surface differs (see sbl__differ), or if the light of a sensor on an
    edge of the tile differs from the interpolated light. */
-static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
+static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
     int i, k, at = 0;
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
-            const sbl__pixel *a = sbl__tile_corner(r, c, i), *b = sbl__tile_corner(r, c, k);
+            const sbl__pixel *a = sbl__tile_corner(r, t, i), *b = sbl__tile_corner(r, t, k);
             if (sbl__connected(r, a, b, r->geometry_aware) &&
                 sbl__differ(r, sbl__pixel_light(r, a, 0), sbl__pixel_light(r, b, 0),
                             sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
-    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL)
+    while ((p = sbl__tile_next_sensor(r, t, &at, &guess)) != NULL)
         if (guess.own > 0 && sbl__differ(r, guess.light, sbl__pixel_light(r, p, 0),
                                          guess.variance + sbl__variance(r, p))) return 1;
     return 0;
@@ -19135,16 +19191,16 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
 /* In a refinement of lobes, foresees the error of interpolation at a pixel, because light in wide lobes changes in
    about the same areas as R: returns the squared difference, in absolute luminance, between R at the pixel and R
    interpolated from a tile's corners. Returns 0 if lobes are narrow or no corner fits. */
-static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
+static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *t, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const float own = r->lobes[pixel - r->pixels].light;
-    float light = 0, weights = 0, share[2];
+    float light = 0, weights = 0, fraction[2];
     int corner;
-    sbl__tile_position(c, x, y, share);
+    sbl__tile_position(t, x, y, fraction);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const float at = r->lobes[p - r->pixels].light;
-        const float weight = sbl__tile_weight(share, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
+        const float weight = sbl__tile_weight(fraction, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
         light += weight * at;
         weights += weight;
     }
@@ -19154,23 +19210,23 @@ static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, 
 }
 
 /* Adds the pixels in row y of the range to the tile's sums: pixels, counted, weight2, foreseen_bias2 and uncovered.
-   Sets c->must_split if the corners give one of these pixels too little weight. */
-static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
-    const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
+   Sets t->must_split if the corners give one of these pixels too little weight. */
+static void sbl__tile_count(const sbl__refine *r, sbl__tile *t, const sbl__range *pixels, int y) {
+    const int extrapolated = r->geometry_aware && sbl__tile_span(t) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
     for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         sbl__mix m;
         if (!p->id) continue;
-        c->pixels++;
-        c->counted += sbl__window_counts(&r->window, x, y);
-        if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
-        if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
-        if (r->lobes) c->foreseen_bias2 += sbl__tile_foresee(r, c, x, y);
+        t->pixels++;
+        t->counted += sbl__window_counts(&r->window, x, y);
+        if (r->lobes) t->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
+        if (r->albedos) t->weight2 += r->albedos[p - r->pixels] * r->albedos[p - r->pixels];
+        if (r->lobes) t->foreseen_bias2 += sbl__tile_foresee(r, t, x, y);
         if (sbl__sensor_of(r, p)->sensed) continue;
-        sbl__interpolate(r, c, x, y, 0, &m);
-        c->uncovered += 1 - m.own;
-        if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) c->must_split = 1;
+        sbl__interpolate(r, t, x, y, 0, &m);
+        t->uncovered += 1 - m.own;
+        if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) t->must_split = 1;
     }
 }
 
@@ -19178,22 +19234,22 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 /* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN *
    the width of the lobes, which is about alpha: the tile could miss details of the reflection. */
-static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
-    double ways[4][3], alpha[4];
+static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *t) {
+    double directions[4][3], alpha[4];
     int corner, other, k;
-    if (sbl__tile_span(c) <= 1) return 0;
+    if (sbl__tile_span(t) <= 1) return 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__pixel_lobe *s = &r->lobes[p - r->pixels];
         const double cosine = (double)sbl__dot(s->view, p->normal);
         alpha[corner] = p->id ? (double)s->roughness * s->roughness : -1;
-        for (k = 0; k < 3; k++) ways[corner][k] = 2 * cosine * p->normal[k] - s->view[k];
+        for (k = 0; k < 3; k++) directions[corner][k] = 2 * cosine * p->normal[k] - s->view[k];
     }
     for (corner = 0; corner < 4; corner++)
         for (other = corner + 1; other < 4; other++) {
             const double least = SBL__MIN(alpha[corner], alpha[other]), most = SBL__LOBE_SPAN * least;
             double apart2 = 0;
-            for (k = 0; k < 3; k++) apart2 += pow(ways[corner][k] - ways[other][k], 2);
+            for (k = 0; k < 3; k++) apart2 += pow(directions[corner][k] - directions[other][k], 2);
             if (least >= 0 && apart2 > most * most) return 1;
         }
     return 0;
@@ -19338,20 +19394,20 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int corner;
     for (; r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
-        const sbl__tile *c = &r->tiles[r->listed];
+        const sbl__tile *t = &r->tiles[r->listed];
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (c->split) continue;
+        if (t->split) continue;
         for (corner = 0; corner < 4; corner++) {
-            sbl__pixel *p = sbl__tile_corner(r, c, corner);
+            sbl__pixel *p = sbl__tile_corner(r, t, corner);
             sbl__sensor *s = sbl__sensor_of(r, p);
             if (!p->id || s->queued || (s->sensed && s->wanted <= s->looks)) continue;
             s = sbl__sensor_add(r, p);
             if (!s) return SBL_ERROR_OUT_OF_MEMORY;
             s->queued = 1;
             if (!s->sensed) {
-                s->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                s->level = (unsigned char)(1 + SBL__MIN(t->level, SBL_MAX_LEVELS - 1));
                 s->look = r->look_count;
-                s->wanted = sbl__tiles_first_looks(s, c->looks);
+                s->wanted = sbl__tiles_first_looks(s, t->looks);
             }
             if (sbl__tiles_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
@@ -19713,15 +19769,15 @@ static void sbl__receivers_list(sbl__refine *r, int column, int row) {
 }
 
 /* Returns the index of the bin in which a guide sees a position, or -1 if it is below the horizon. */
-static int sbl__receiver_bin(const sbl__receiver *to, const double place[3]) {
+static int sbl__receiver_bin(const sbl__receiver *to, const double position[3]) {
     double x = 0, y = 0, z = 0, length2 = 0, angle;
     int k;
     for (k = 0; k < 3; k++) {
-        const double way = place[k] - to->pixel->position[k];
-        length2 += way * way;
-        x += way * to->right[k];
-        y -= way * to->up[k];  /* see sbl__cosine_direction */
-        z += way * to->pixel->normal[k];
+        const double offset = position[k] - to->pixel->position[k];
+        length2 += offset * offset;
+        x += offset * to->right[k];
+        y -= offset * to->up[k];  /* see sbl__cosine_direction */
+        z += offset * to->pixel->normal[k];
     }
     if (!(z > 0)) return -1;
     angle = atan2(y, x) / (2 * SBL__PI);
@@ -19739,10 +19795,10 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
         double away2 = 0;
         int inside = 1;
         for (k = 0; k < 3; k++) {
-            const float at = from[k] + hit * direction[k], way = m->middle[k] - from[k];
+            const float at = from[k] + hit * direction[k], offset = m->middle[k] - from[k];
             height += m->normal[k] * at;
             inside = inside && at >= m->low[k] - margin && at <= m->high[k] + margin;
-            away2 += (double)way * way;
+            away2 += (double)offset * offset;
         }
         if (inside && height <= margin && height >= -margin) return m->distant ? 0 : SBL__MAX(sqrt(away2), (double)hit);
     }
@@ -19757,7 +19813,7 @@ static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
     const float light = found->valid ? sbl__luminance(found->radiance) : 0;
     const int bin = sbl__guide_bin(u[0], u[1]);
-    double away, place[3];
+    double away, position[3];
     float direction[3];
     int bright, i, k;
     if (!(light > 0)) return;
@@ -19765,10 +19821,10 @@ static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u
     sbl__cosine_direction(p->normal, u, direction);
     away = sbl__scout_away(&r->core->scene.lamps, p->position, direction, found->hit_min);
     bright = away > 0 && light > r->luminance;
-    for (k = 0; k < 3; k++) place[k] = p->position[k] + away * direction[k];
+    for (k = 0; k < 3; k++) position[k] = p->position[k] + away * direction[k];
     for (i = 0; i < g->receiver_count; i++) {
         const sbl__receiver *to = &g->receivers[i];
-        const int seen = bright && to->pixel != p ? sbl__receiver_bin(to, place) : bin;
+        const int seen = bright && to->pixel != p ? sbl__receiver_bin(to, position) : bin;
         if (seen >= 0) to->found[seen] += to->weight * light * light;
     }
 }
@@ -19861,15 +19917,16 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
                                            force all others to the best possible quality */
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
-#define SBL__GOAL_STORED 0.25           /* bias and noise may also always have this fraction of the squared uncertainty
-                                           of stored light, since less would hardly reduce the sum of both */
+#define SBL__GOAL_STORED 0.25           /* the squared error from bias and noise may always be this fraction of the
+                                           squared uncertainty of stored light, since a smaller one would hardly reduce
+                                           their sum */
 #define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure = (expected final / present squared error) ^ this */
+#define SBL__EXPECT_POWER 1.5           /* expected_weight = (expected final / present squared error) ^ this */
 #define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
                                            bought, until it is the price */
 /* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
@@ -19901,13 +19958,13 @@ static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixel
 /* Returns the square of (mean of FINAL without emission) / (mean R). (Relative error of R) * (albedo with which a pixel
    shows it) / (this ratio) is the relative error of FINAL. The mean is the one that the host has set, or an estimate,
    with R in place of the light in lobes: that of the last weighing or, before it, (mean albedo) * (mean R). Returns 1
-   if r->shares is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of FINAL.
-   Must be called before r->sum is set to 0. */
+   if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of
+   FINAL. Must be called before r->sum is set to 0. */
 static float sbl__weigh_shown2(const sbl__refine *r) {
     const double pixels = SBL__MAX(r->shown_pixels, 1.0);
     double mean = (r->diffuse + r->specular) / pixels, light = 0;
     int k;
-    if (!r->shares) return 1;
+    if (!r->albedos) return 1;
     for (k = 0; k < 3; k++) light += (double)sbl__luminance_weights[k] * r->sum[k];
     if (r->weighed && light > 0) mean = r->shown_sum / light + r->specular / pixels;
     if (r->mean_final > 0) mean = (double)r->mean_final / r->luminance;
@@ -19922,7 +19979,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given && (!r->lobes || r->weighed); k++)
-        r->mean[k] = (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
+        r->mean[k] = (float)((r->diffuse_light[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
@@ -19936,11 +19993,11 @@ static void sbl__weigh_begin(sbl__refine *r) {
 }
 
 /* Returns how many pixels the filter averages in a tile of span 1: fewer where corners differ by more than `noise`. */
-static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
+static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *t, float noise) {
     float alike = 0;
     int side, count = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__edge e = sbl__tile_edge(r, t, side);
         const sbl__pixel *a = e.ends[0], *b = e.ends[1];
         if (a == b || !sbl__usable(r, a) || !sbl__usable(r, b)) continue;
         count++;
@@ -19958,87 +20015,87 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
    sensors had when it was split. Where surfaces reflect, a single ray among them that finds a lamp by chance raises
    this variance much. There, the weight therefore falls as the tile's own sensors get more looks. In refinements of
    lobes it does not, because pictures with a price would then differ more from pictures with a target. */
-static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *c) {
-    const int looks = sbl__tile_corners(r, c).looks, reflects = (r->core->scene.features & SBL__SPECULAR) != 0;
-    if (!reflects || r->lobes || looks <= c->looks) return SBL__PARENT_WEIGHT;
-    return SBL__PARENT_WEIGHT * (float)c->looks / (float)looks;
+static float sbl__tile_parent_weight(const sbl__refine *r, const sbl__tile *t) {
+    const int looks = sbl__tile_corners(r, t).looks, reflects = (r->core->scene.features & SBL__SPECULAR) != 0;
+    if (!reflects || r->lobes || looks <= t->looks) return SBL__PARENT_WEIGHT;
+    return SBL__PARENT_WEIGHT * (float)t->looks / (float)looks;
 }
 
 /* Computes noise2, variance and light of a tile from its usable corners, the variance also from the parent tile. If no
    corner is usable, only sets noise2 to 0. Adds the tile's light, pixels and variance to the sums of the picture. */
-static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
-    const int span = sbl__tile_span(c);
-    float variance, share = 0, light[3] = { 0, 0, 0 };
+static void sbl__tile_noise(sbl__refine *r, sbl__tile *t) {
+    const int span = sbl__tile_span(t);
+    float variance, ratios = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         const sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p)) continue;
         sum += s->variance;
-        share += sbl__variance_ratio(r, s->looks);
+        ratios += sbl__variance_ratio(r, s->looks);
         for (k = 0; k < 3; k++) light[k] += s->radiance[k];
         count++;
     }
-    c->noise2 = 0;
+    t->noise2 = 0;
     if (!count) return;
-    c->variance = variance = sbl__relative2(r, sum / count);
-    if (c->parent >= 0)
-        c->variance += sbl__tile_parent_weight(r, c) * (r->tiles[c->parent].variance - variance);
-    variance = c->variance * share / (float)count;
-    c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
-                         : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    t->variance = variance = sbl__relative2(r, sum / count);
+    if (t->parent >= 0)
+        t->variance += sbl__tile_parent_weight(r, t) * (r->tiles[t->parent].variance - variance);
+    variance = t->variance * ratios / (float)count;
+    t->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
+                         : variance / sbl__tile_smoothing(r, t, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++)
-        r->sum[k] += (double)light[k] * c->counted / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
-    r->pixels_summed += c->counted;
-    r->look_variance += (double)c->variance * (double)(c->weight2 / r->shown2) * c->counted;
-    c->light = sbl__luminance(light) / (float)count;
-    r->shown_sum += (double)c->light * sqrt((double)c->weight2) * c->counted;
+        r->sum[k] += (double)light[k] * t->counted / count * (r->lobes ? sqrt((double)t->weight2) : 1.0);
+    r->pixels_summed += t->counted;
+    r->look_variance += (double)t->variance * (double)(t->weight2 / r->shown2) * t->counted;
+    t->light = sbl__luminance(light) / (float)count;
+    r->shown_sum += (double)t->light * sqrt((double)t->weight2) * t->counted;
 }
 
-/* Updates c->raw_bias2 or, if c->must_split or a threshold decides, c->split_worth (FLT_MAX: split; 0: do not). */
-static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
-    const int span = sbl__tile_span(c);
+/* Updates t->raw_bias2 or, if t->must_split or a threshold decides, t->split_worth (FLT_MAX: split; 0: do not). */
+static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *t) {
+    const int span = sbl__tile_span(t);
     if (span <= 1) return;
-    if (c->must_split) c->split_worth = FLT_MAX;
-    else if (r->threshold > 0) c->split_worth = c->pixels && sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (c - r->tiles >= r->first_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
-        c->raw_bias2 = sbl__tile_raw_bias2(r, c);
+    if (t->must_split) t->split_worth = FLT_MAX;
+    else if (r->threshold > 0) t->split_worth = t->pixels && sbl__tile_differs(r, t) ? FLT_MAX : 0;
+    else if (t - r->tiles >= r->first_new || sbl__tile_corners(r, t).is_new || span > SBL__EXTRAPOLATED_SPAN)
+        t->raw_bias2 = sbl__tile_raw_bias2(r, t);
 }
 
 /* Predicts the errors of a tile, and the gain of a split and of more looks: the reduction of the sum of squared errors
    per look. Adds the gains to the histogram from which sbl__weigh_end finds the lowest worth to buy. */
 static sbl_result sbl__weigh_tile(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    sbl__tile *c = &r->tiles[at];
-    const float weight2 = c->weight2 / r->shown2;
+    sbl__tile *t = &r->tiles[at];
+    const float weight2 = t->weight2 / r->shown2;
     float bias2, gain, variance, weight, least;
-    int looks = sbl__tile_corners(r, c).looks, most, interpolated;
-    if (c->split) return SBL_SUCCESS;
-    sbl__tile_weigh_split(r, c);
-    sbl__tile_noise(r, c);
-    interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
-    variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
-    c->noise2 *= weight2;
-    least = SBL__MAX(c->unseen_bias2, c->foreseen_bias2);
-    c->bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
-    r->bias2 += (double)c->bias2 * SBL__MAX(c->counted - 1, 0);
-    r->noise2 += (double)c->noise2 * c->counted;
-    bias2 = weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
-    weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
-    if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
+    int looks = sbl__tile_corners(r, t).looks, most, interpolated;
+    if (t->split) return SBL_SUCCESS;
+    sbl__tile_weigh_split(r, t);
+    sbl__tile_noise(r, t);
+    interpolated = SBL__MAX(t->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
+    variance = t->noise2 / sbl__noise_left(r, sbl__tile_span(t));
+    t->noise2 *= weight2;
+    least = SBL__MAX(t->unseen_bias2, t->foreseen_bias2);
+    t->bias2 = weight2 * SBL__MAX(t->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
+    r->bias2 += (double)t->bias2 * SBL__MAX(t->counted - 1, 0);
+    r->noise2 += (double)t->noise2 * t->counted;
+    bias2 = weight2 * SBL__MAX(t->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
+    weight = 1 / (t->light / r->luminance + SBL__GAIN_FLOOR);
+    if (sbl__tile_span(t) > 1 && !(r->threshold > 0)) {
         const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
-                                (c->light / r->luminance + SBL__TILE_ERROR_FLOOR);
+                                (t->light / r->luminance + SBL__TILE_ERROR_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
-        if (c->split_worth < FLT_MAX)
-            c->split_worth = c->pixels && bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        if (gain > 0) sbl__weigh_add(r, c->split_worth, gain, cost);
+        if (t->split_worth < FLT_MAX)
+            t->split_worth = t->pixels && bias2 > error_max * error_max ? FLT_MAX : gain * weight;
+        if (gain > 0) sbl__weigh_add(r, t->split_worth, gain, cost);
     }
-    c->look_worth = 0;
+    t->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return SBL_SUCCESS;
-    gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
-    c->look_worth = gain * weight;
+    gain = t->noise2 * (float)t->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
+    t->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
         if (gain > 0) sbl__weigh_add(r, gain * weight, gain, looks);
@@ -20049,13 +20106,13 @@ static sbl_result sbl__weigh_tile(void *work, int at) {
 
 /* Sets r->expected_looks: the looks taken, plus the looks, highest worth first, that reduce the sum of squared errors
    from `left` to target2 per pixel, or as close to it as possible. The result is too low until most tiles that need
-   sensors have been found. Sets r->expected_sure, which rises to 1 as the error falls to its final value. */
+   sensors have been found. Sets r->expected_weight, which rises to 1 as the error falls to its final value. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     const double target = target2 * sbl__weigh_pixels(r), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
     r->expected_looks = (double)r->looks_taken;
     for (left -= target; bin > 0 && left > 0; left -= r->gains[bin]) r->expected_looks += r->costs[--bin];
-    r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
+    r->expected_weight = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_POWER);
 }
 
 /* Returns the lowest worth of the looks and splits that this round buys, so that the sum of squared errors falls from
@@ -20105,22 +20162,22 @@ static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *at = &r->stages.at;
     for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
-        sbl__tile *c = &r->tiles[*at];
-        const sbl__range pixels = sbl__tile_pixels(r, c);
+        sbl__tile *t = &r->tiles[*at];
+        const sbl__range pixels = sbl__tile_pixels(r, t);
         const int from[2] = { pixels.x[0], pixels.y[0] }, to[2] = { pixels.x[1], pixels.y[1] };
         const int refines = sbl__window_refines(&r->window, from, to);
-        if (r->row == 0) c->pixels = c->counted = c->must_split = 0;
-        if (r->row == 0) c->uncovered = 0;
-        if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
-        if (r->row == 0) c->foreseen_bias2 = 0;
+        if (r->row == 0) t->pixels = t->counted = t->must_split = 0;
+        if (r->row == 0) t->uncovered = 0;
+        if (r->row == 0) t->weight2 = r->lobes || r->albedos ? 0.0f : 1.0f;
+        if (r->row == 0) t->foreseen_bias2 = 0;
         for (; refines && pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
+            sbl__tile_count(r, t, &pixels, pixels.y[0] + r->row);
         }
-        if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels;
-        if (c->pixels) c->foreseen_bias2 = sbl__relative2(r, (double)c->foreseen_bias2 / c->pixels);
-        if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
+        if (t->pixels) t->uncovered /= (float)t->pixels;
+        if (t->pixels && (r->lobes || r->albedos)) t->weight2 /= (float)t->pixels;
+        if (t->pixels) t->foreseen_bias2 = sbl__relative2(r, (double)t->foreseen_bias2 / t->pixels);
+        if (t->pixels && r->lobes && sbl__tile_is_wide(r, t)) t->must_split = 1;
     }
     return SBL_SUCCESS;
 }
@@ -20132,18 +20189,18 @@ static int sbl__weigh_weighed_tiles(void *work) { return ((sbl__refine *)work)->
    doubling is worth it. */
 static sbl_result sbl__weigh_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__tile *c = &r->tiles[at];
-    float worth = c->look_worth;
-    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
-    if (c->split) return SBL_SUCCESS;
-    if (c->split_worth >= r->least_worth && sbl__tile_span(c) > 1) {
+    const sbl__tile *t = &r->tiles[at];
+    float worth = t->look_worth;
+    int corner, looks = sbl__tile_corners(r, t).looks, growth = 1;
+    if (t->split) return SBL_SUCCESS;
+    if (t->split_worth >= r->least_worth && sbl__tile_span(t) > 1) {
         r->bought++;
         return sbl__tile_split(r, at);
     }
     for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4 && growth > 1; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, t, corner);
         sbl__sensor *s = sbl__sensor_of(r, p);
         if (!sbl__usable(r, p) || !s->looks || s->wanted >= looks) continue;
         s->wanted = looks;
@@ -20170,15 +20227,15 @@ static sbl_result sbl__refine_take(void *work, int at) {
     const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
     const int no_mean = r->rounds == 0 || (!r->lobes && !(sbl__luminance(r->mean) > 0));  /* no sensor found light */
-    const float share = (float)looks / (float)(s->looks + looks);
+    const float fraction = (float)looks / (float)(s->looks + looks);
     const double difference = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->layer_floats * (size_t)r->sites[at].pixel;
     const float *found = r->reading_layers + r->layer_floats * (size_t)at;
     size_t i;
     if (!looks) return SBL_SUCCESS;
-    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
-    for (i = 0; i < r->layer_floats; i++) light[i] += share * (found[i] - light[i]);
-    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
+    for (i = 0; i < 3; i++) s->radiance[i] += fraction * (reading->radiance[i] - s->radiance[i]);
+    for (i = 0; i < r->layer_floats; i++) light[i] += fraction * (found[i] - light[i]);
+    s->variance += (double)fraction * ((double)reading->noise * reading->noise * looks - s->variance);
     if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, difference * difference);
     s->looks += looks;
     s->work += (float)looks + (r->counts_steps && r->spec->traced ? reading->hit_mean / SBL__WORK_STEPS : 0);
@@ -20223,7 +20280,7 @@ static void sbl__refine_restart(sbl__refine *r) {
             s->wanted = sbl__tiles_first_looks(s, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
-    r->expected_looks = r->expected_sure = 0;
+    r->expected_looks = r->expected_weight = 0;
     memset(r->sum, 0, sizeof r->sum);
     r->pixels_summed = 0;
 }
@@ -20357,11 +20414,11 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>rounds: functions for later rooms */
 
-/* Adds to `sum` the layers of the leaf that far rays read at a position on a triangle. Returns 1 if the leaf has
+/* Adds to `sum` the layers of the leaf that long rays read at a position on a triangle. Returns 1 if the leaf has
    light. */
 static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
                                   size_t floats, float *sum) {
-    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
+    const uint32_t leaf = sbl__store_for_long(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
     size_t i;
     int lit = 0;
     for (i = 0; i < floats && leaf; i++) {
@@ -20387,11 +20444,11 @@ static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p,
     for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
     for (i = 0; i < r->layer_floats; i++) out[i] = 0;
     for (point = 0; point < 25; point++) {
-        float place[3];
+        float position[3];
         for (k = 0; k < 3; k++)
-            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
+            position[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
                                                              (float)(point / 5 - 2) * axes[1][k]);
-        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->layer_floats, out);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, position, r->layer_floats, out);
     }
     for (i = 0; i < r->layer_floats; i++) out[i] /= (float)SBL__MAX(lit, 1);
 }
@@ -20506,7 +20563,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         s->variance *= s->variance;
         sbl__refine_isotropic(r, p, light);
     }
-    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
+    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->albedos ? r->albedos[index] : 1));
     if (sbl__refine_counts(r, index)) r->uncertainty2 += uncertainty * uncertainty;
     return SBL_SUCCESS;
 }
@@ -20516,9 +20573,9 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
    its lobe; albedo is NULL if the pixel shows no surface */
 static sbl_result sbl__refine_put_albedo(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
-    if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
-    r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
+    if (!r->albedos) r->albedos = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->albedos);
+    if (!r->albedos) return SBL_ERROR_OUT_OF_MEMORY;
+    r->albedos[index] = albedo ? sbl__luminance(albedo) : 0;
     if (!albedo) return SBL_SUCCESS;
     r->diffuse += (double)sbl__luminance(albedo);
     r->specular += (double)sbl__luminance(specular);
@@ -20599,38 +20656,38 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* the pixel shows its neighbours' light */
-    const float known = r->lobes ? r->lobes[p - r->pixels].rest : sbl__stored_uncertainty(r, p);
+    const float known = r->lobes ? r->lobes[p - r->pixels].fixed_error : sbl__stored_uncertainty(r, p);
     const double uncertainty = hidden ? 0 : (double)known / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
-/* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
+/* Fills in a pixel of tile t, whose sensors have all been read: with usable light of its own or, unless the texel is
    hidden, by interpolation. Other pixels are orphans: they get the light of their own invalid sensor, or 0, and keep it
    if no ring reaches them. parabolas: second differences of the tile's four edges, see sbl__tile_edge */
-static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
+static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *t, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
-    const float weight2 = r->shares ? SBL__MAX(c->weight2 / r->shown2, 1e-6f) : 1;
+    const float weight2 = r->albedos ? SBL__MAX(t->weight2 / r->shown2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
-    p->error = sbl__pixel_error(r, p, (c->bias2 + c->noise2) / weight2);
+    p->error = sbl__pixel_error(r, p, (t->bias2 + t->noise2) / weight2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
-        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_ratio(r, s->looks));
+        const float least = r->luminance * (float)sqrt((double)t->variance * (double)sbl__variance_ratio(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
                                                        rays of this one may agree by chance */
-        p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
+        p->error = sbl__pixel_error(r, p, t->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
-        sbl__interpolate(r, c, x, y, f->layer, &m);
+        sbl__interpolate(r, t, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
-            const float *share = m.share, top = parabolas[0][k], left = parabolas[2][k];
-            const float across = 0.5f * share[0] * (1 - share[0]) * (top + share[1] * (parabolas[1][k] - top));
-            const float down = 0.5f * share[1] * (1 - share[1]) * (left + share[0] * (parabolas[3][k] - left));
+            const float *fraction = m.fraction, top = parabolas[0][k], left = parabolas[2][k];
+            const float across = 0.5f * fraction[0] * (1 - fraction[0]) * (top + fraction[1] * (parabolas[1][k] - top));
+            const float down = 0.5f * fraction[1] * (1 - fraction[1]) * (left + fraction[0] * (parabolas[3][k] - left));
             to[k] = sbl__clamp_light(f->layer, m.light[k] - m.own * m.own * (across + down));
         }
         to[3] = (float)sqrt(m.variance);
@@ -20652,9 +20709,9 @@ static void sbl__fill_mean(void *user, int index) {
     sbl__fill *f = (sbl__fill *)user;
     const sbl__refine *r = f->refine;
     float *out = f->rgba + 4 * (size_t)index, sum[4] = { 0, 0, 0, 0 }, weights = 0;
-    size_t place = 0;
+    size_t step = 0;
     int k, other;
-    while ((other = sbl__ring_grid(&f->rings, index, &place)) >= 0) {
+    while ((other = sbl__ring_grid(&f->rings, index, &step)) >= 0) {
         const float weight = sbl__ring_reached(&f->rings, other)
                            ? sbl__belongs(&r->pixels[index], &r->pixels[other], r->geometry_aware) : 0;
         for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * (size_t)other + (size_t)k];
@@ -20700,18 +20757,18 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     int x, y, k;
     if (result != SBL_SUCCESS) return result;
     for (; f->tile < r->tile_count; f->tile++, f->row = 0) {
-        const sbl__tile *c = &r->tiles[f->tile];
-        const sbl__range pixels = sbl__tile_pixels(r, c);
+        const sbl__tile *t = &r->tiles[f->tile];
+        const sbl__range pixels = sbl__tile_pixels(r, t);
         float parabolas[4][3];
-        if (c->split) continue;
-        while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
+        if (t->split) continue;
+        while (t->parent >= 0 && sbl__tile_corners(r, t).unread) t = &r->tiles[t->parent];
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__tile_edge(r, c, k);
+            const sbl__edge edge = sbl__tile_edge(r, t, k);
             sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
         }
         for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, c, parabolas);
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, t, parabolas);
         }
     }
     return f->orphans ? sbl__fill_orphans(f, slice) : SBL_SUCCESS;
@@ -20866,11 +20923,11 @@ static const char *const sbl__glsl_tone[] = {
 "const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;\n",
 "\n",
 "vec3 sbl_neutral(vec3 c) {\n",
-"    float least = min(c.r, min(c.g, c.b)), room = 1.0 - SBL_NEUTRAL_KNEE;\n",
+"    float least = min(c.r, min(c.g, c.b)), headroom = 1.0 - SBL_NEUTRAL_KNEE;\n",
 "    c -= least < SBL_NEUTRAL_TOE ? least - least * least / (2.0 * SBL_NEUTRAL_TOE) : 0.5 * SBL_NEUTRAL_TOE;\n",
 "    float peak = max(c.r, max(c.g, c.b));\n",
 "    if (peak <= SBL_NEUTRAL_KNEE) return c;\n",
-"    float shown = 1.0 - room * room / (peak + room - SBL_NEUTRAL_KNEE);\n",
+"    float shown = 1.0 - headroom * headroom / (peak + headroom - SBL_NEUTRAL_KNEE);\n",
 "    return mix(vec3(shown), c * (shown / peak), 1.0 / (SBL_NEUTRAL_FADE * (peak - shown) + 1.0));\n",
 "}\n",
 "\n",
@@ -20919,9 +20976,9 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels\n",
-"uniform sampler2D previous;                 // sum of the previous samples, each times `share`\n",
+"uniform sampler2D previous;                 // sum of the previous samples, each times `sample_weight`\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
-"uniform float share;                        // 1 / number of samples per pixel\n",
+"uniform float sample_weight;                // 1 / number of samples per pixel\n",
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, for the colour on the screen\n",
@@ -20986,12 +21043,12 @@ static const char *const sbl__glsl_resolve[] = {
 "        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make light negative\n",
 "#endif\n",
 "    }\n",
-"    out_color = before + share * vec4(color, 1);\n",
+"    out_color = before + sample_weight * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
 "    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
 "    float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);\n",
 "    vec3 least = id == 0u ? fade * backdrop : vec3(0);\n",
-"    out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);\n",
+"    out_display = shown_before + sample_weight * vec4(max(sbl_shown(color), least), 1);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -21066,7 +21123,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__camera_set(d, r->camera, r->offset);
     sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
     sbl__set_int(d, "has_previous", r->index > 0);
-    sbl__set_float(d, "share", 1.0f / (float)r->count);
+    sbl__set_float(d, "sample_weight", 1.0f / (float)r->count);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
 }
@@ -21078,38 +21135,38 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 typedef struct sbl__gutters {
     int size[2];               /* width and height in texels */
     float *light;              /* 4 floats per texel: light of a layer; the texel's ring: 0 on charts, -1 if none yet */
-    sbl__rings spread;
+    sbl__rings rings;
 } sbl__gutters;
 
 static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     sbl__free(base, g->light);
-    sbl__rings_free(base, &g->spread);
+    sbl__rings_free(base, &g->rings);
     memset(g, 0, sizeof *g);
 }
 
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
-    size_t place = 0;
+    size_t step = 0;
     int i, count = 0, other;
-    while ((other = sbl__ring_grid(&g->spread, texel, &place)) >= 0) {
-        if (!sbl__ring_reached(&g->spread, other)) continue;
+    while ((other = sbl__ring_grid(&g->rings, texel, &step)) >= 0) {
+        if (!sbl__ring_reached(&g->rings, other)) continue;
         for (i = 0; i < 3; i++) sum[i] += g->light[4 * (size_t)other + (size_t)i];
         count++;
     }
     for (i = 0; i < 3; i++) out[i] = sum[i] / (float)count;
-    out[3] = (float)g->spread.number;
+    out[3] = (float)g->rings.number;
 }
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->spread.last = rings;
-    g->size[0] = g->spread.width = size[0];
+    g->rings.last = rings;
+    g->size[0] = g->rings.width = size[0];
     g->size[1] = size[1];
-    g->spread.user = g;
-    g->spread.mean = sbl__gutters_mean;
+    g->rings.user = g;
+    g->rings.mean = sbl__gutters_mean;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
-    return g->light ? sbl__rings_make(base, &g->spread, (int)texels, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
+    return g->light ? sbl__rings_make(base, &g->rings, (int)texels, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Makes the texels on charts ring 0. On entry, g->light holds the output of the filter: light and, as fourth float, 1
@@ -21118,8 +21175,8 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
     int i;
     for (i = first; i < first + count; i++) {
         float *ring = &g->light[4 * (size_t)i + 3];
-        if (*ring > 0) g->spread.ring[i] = 0;
-        *ring = (float)g->spread.ring[i];
+        if (*ring > 0) g->rings.ring[i] = 0;
+        *ring = (float)g->rings.ring[i];
     }
 }
 
@@ -21174,8 +21231,8 @@ typedef struct sbl__seams {
                                    channels may become negative */
     int rounds;                 /* number of solutions of this layer so far that made channels negative */
     int bound;                  /* 1: the last solution made channels negative, which were then set to 0 */
-    float before, after;        /* largest absolute luminance of a difference across a seam in the layers so far, before
-                                   the first and after the last solution of a layer */
+    float before, after;        /* largest luminance of a difference across a seam, over the layers so far: before a
+                                   layer is changed, and after */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -21236,16 +21293,16 @@ static int sbl__seam_match(const sbl__atlas *atlas, const uint32_t edges[2], con
    as one side of a point. Returns 1; or 0, with an incomplete side, if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     int low[2], high[2], i, k;
-    double share[2];
+    double fraction[2];
     for (k = 0; k < 2; k++) {
         const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), g->size[k] - 1.0);
         low[k] = (int)x;
         high[k] = SBL__MIN(low[k] + 1, g->size[k] - 1);
-        share[k] = x - low[k];
+        fraction[k] = x - low[k];
     }
     for (i = 0; i < 4; i++) {
         const int texel = (i & 2 ? high[1] : low[1]) * g->size[0] + (i & 1 ? high[0] : low[0]);
-        const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
+        const double weight = (i & 1 ? fraction[0] : 1 - fraction[0]) * (i & 2 ? fraction[1] : 1 - fraction[1]);
         if (g->light[4 * (size_t)texel + 3] < 0) return 0;
         p->unknowns[4 * side + i] = texel;
         p->weights[4 * side + i] = (float)(side ? -weight : weight);
@@ -21408,7 +21465,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     (void)slice;
     if (s->unknown_of) return SBL_SUCCESS;
     for (i = 0; i < g->mesh_count; i++) if (s->atlas->baked[i]) edges += 3.0 * g->meshes[i].triangle_count;
-    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
+    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->rings.count, sizeof *s->unknown_of);
     return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -21469,7 +21526,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
    and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
    one table. */
 
-/* Memory that a map will need, in bytes, on GPU and host together. [0]: during refinement, [1]: afterwards */
+/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during
+   refinement; [1]: afterwards */
 typedef struct sbl__need {
     double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
     double pixels;              /* number of working pixels */
@@ -21587,11 +21645,11 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
 /* Sets the task's spec, and allocates sites and, if `readings` is 1, readings for jobs of at most SBL__WORK_SITES
    sites. count: number of sites of all jobs */
 static sbl_result sbl__work_make_task(sbl__work *w, double count, int readings) {
-    const size_t room = (size_t)SBL__MIN(SBL__WORK_SITES, count);
+    const size_t capacity = (size_t)SBL__MIN(SBL__WORK_SITES, count);
     sbl__base *base = &w->core->base;
     sbl__spec_make(&w->task.spec, &w->measurement, &w->core->scene, &w->core->desc);
-    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, room, sizeof *w->sites);
-    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, room, sizeof *w->readings);
+    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, capacity, sizeof *w->sites);
+    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, capacity, sizeof *w->readings);
     return w->sites && (!readings || w->readings) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -21663,10 +21721,10 @@ enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
-/* a texture, and the target for passes that draw into it */
+/* A texture, and the target for passes that draw into it */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
 
-/* a layer of light on the GPU */
+/* A layer of light on the GPU */
 typedef struct sbl__map_layer {
     sbl__texture light;         /* interpolated light; alpha of layer 0: noise of R as in sbl__fill.rgba */
     sbl__map_image smooth;      /* filtered light */
@@ -21986,7 +22044,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
     /* 4: also emission, whose alpha is the blue component of stored R; 6: also albedos */
-    const int parts = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
+    const int textures = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -21997,10 +22055,10 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     int i, k;
     (void)slice;
     c->device.gl.doing = "reading the G-buffer";
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+    for (k = 0; k < textures && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, first, rows, ids);
-    c->stats.sensors.readbacks += parts + 1;
+    c->stats.sensors.readbacks += textures + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[6];
         uint32_t id;
@@ -22149,7 +22207,7 @@ static double *sbl__map_seconds(const void *work) {
 
 /* Estimates the seconds until refinement ends, including those until the store is full. Before the first look, assumes
    the typical time of refinement (SBL__MAP_TYPICAL), or 1e9 s if the work has traced no ray of the store. Later, mixes
-   the rest of the typical time with the time of the looks that errors demand, whose weight is expected_sure. */
+   the rest of the typical time with the time of the looks that errors demand, whose weight is expected_weight. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -22165,7 +22223,7 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     if (!(usual > 0)) usual = SBL__MAP_LOOKS * pixels * spent / taken;
     usual = SBL__MAX(usual - SBL__MAP_SPENT * spent, SBL__MAP_LEAST * usual);
     demanded = SBL__MAX(sbl__refine_looks_expected(r) - looks, 0) * spent / taken;
-    return filling + (1 - r->expected_sure) * usual + r->expected_sure * demanded;
+    return filling + (1 - r->expected_weight) * usual + r->expected_weight * demanded;
 }
 
 /* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
@@ -22175,16 +22233,16 @@ static double sbl__map_seconds_left(const sbl__map *m) {
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
-    double share, most;
+    double done, most;
     if (sbl__work_is_done(&m->work)) return 1;
     if (m->developed && m->has_lobes && m->reflected < 1)
         return SBL__MAP_R_DONE + (0.95f - SBL__MAP_R_DONE) * m->reflected;
     if (m->developed) return 0.96f + 0.03f * m->finished;
     if (m->work.stages.stage == SBL__MAP_DEVELOP) return m->has_lobes ? SBL__MAP_R_DONE : 0.95f;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
-    share = (m->has_lobes ? (double)SBL__MAP_R_DONE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
+    done = (m->has_lobes ? (double)SBL__MAP_R_DONE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
     most = SBL__MAX((double)m->work.progress, 0.01) * pow(seconds / before, 2);
-    return (float)SBL__MIN(share, most);
+    return (float)SBL__MIN(done, most);
 }
 
 /* Called when the host asks for a channel of an unfinished map. From then on, stage PREVIEW makes previews. If no
@@ -22412,7 +22470,7 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* what sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo and the luminance of the stored
+/* What sbl__reflections_read reads of each pixel, 4 floats each: the lobe, its albedo and the luminance of the stored
    light that panes show, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
@@ -22421,8 +22479,8 @@ enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE,
    is 12 pi alpha^2 for a narrow GGX lobe and 3 pi / 2 for the cosine. */
 static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float roughness) {
     const float alpha2 = roughness * roughness * roughness * roughness;
-    const float share = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
-    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
+    const float ratio = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
+    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)ratio);
 }
 
 /* Passes a pixel to the refinement of reflections. */
@@ -22441,14 +22499,15 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     matte = sbl__luminance(from[SBL__READ_ALBEDO]) * SBL__MIN(pixel.error, FLT_MAX);  /* 0 * infinity is NaN */
     stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
     panes = SBL__PANE_ERROR * from[SBL__READ_SPECULAR][3];
-    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
+    own->fixed_error = (float)sqrt((double)matte * matte + (double)stored * stored + (double)panes * panes);
+    pixel.error = own->fixed_error;
     own->light = own->roughness > SBL__LOBE_FORESEEN ? sbl__luminance(from[SBL__READ_RADIANCE]) : 0;
     f->found |= pixel.id != 0;
     if (sbl__refine_counts(&m->refine, index)) {
-        f->refine.uncertainty2 += (double)own->rest * own->rest;
+        f->refine.uncertainty2 += (double)own->fixed_error * own->fixed_error;
         f->refine.matte_pixels += pixel.id == 0;
         for (k = 0; k < 3; k++)
-            f->refine.rest[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
+            f->refine.diffuse_light[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
     }
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
@@ -22488,8 +22547,8 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Unless the host has set the mean of FINAL without emission, estimates it. R takes the place of the light in lobes,
-   which is not known yet. */
+/* Unless the host has set the mean of FINAL without emission, estimates it. R stands for the light in lobes, which is
+   not known yet. */
 static void sbl__reflections_set_mean(sbl__reflections *f) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
     int k;
@@ -22720,10 +22779,10 @@ static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, doub
     int i;
     for (i = 0; i < SBL__METER_BINS; i++) all += bins[i];
     for (i = 0; i < SBL__METER_BINS; below += bins[i++]) {
-        const double part = SBL__MIN(below + bins[i], to * all) - SBL__MAX(below, from * all);
-        if (part <= 0) continue;
-        sum += part * ((i + 0.5) * SBL__METER_STEP - 64);
-        weight += part;
+        const double within = SBL__MIN(below + bins[i], to * all) - SBL__MAX(below, from * all);
+        if (within <= 0) continue;
+        sum += within * ((i + 0.5) * SBL__METER_STEP - 64);
+        weight += within;
     }
     return weight > 0 ? sum / weight : -DBL_MAX;
 }
@@ -22939,7 +22998,7 @@ typedef struct sbl__lightmap {
     sbl__seams seams;
     int is_window;              /* 1: the map is a window, so that sbl_join_windows will make the light groups add up */
     sbl__map_image finals[SBL__LAYERS_MOST];  /* layers with gutters and even seams */
-    float *parts[SBL__LAYERS_MOST];  /* with light groups: the layers until all are finished, 4 floats per texel */
+    float *group_layers[SBL__LAYERS_MOST];  /* with light groups: layers until all are finished, 4 floats per texel */
     sbl__map_image mean;        /* used if supersample > 1: mean R of each texel's working pixels, without gutters */
 } sbl__lightmap;
 
@@ -22949,7 +23008,7 @@ static void sbl__lightmap_free(void *work) {
     int i;
     for (i = 0; i < SBL__LAYERS_MOST; i++) {
         sbl__map_image_free(d, &l->finals[i]);
-        sbl__free(d->base, l->parts[i]);
+        sbl__free(d->base, l->group_layers[i]);
     }
     sbl__map_image_free(d, &l->mean);
     sbl__atlas_free(d->base, &l->atlas);
@@ -23024,16 +23083,16 @@ static uint32_t sbl__lightmap_subtexel_id(const sbl__map *m, int texel, int i) {
    m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
    to the nearest of all. */
 static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
-    const int parts = m->across * m->across;
+    const int subtexels = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
     uint32_t id = 0;
-    for (i = 0; i < parts; i++) {
+    for (i = 0; i < subtexels; i++) {
         const uint32_t other = sbl__lightmap_subtexel_id(m, texel, i);
         int count = 0;
-        for (k = 0; k < parts && other; k++) count += sbl__lightmap_subtexel_id(m, texel, k) == other;
+        for (k = 0; k < subtexels && other; k++) count += sbl__lightmap_subtexel_id(m, texel, k) == other;
         if (count > most) { most = count; id = other; }
     }
-    for (i = 0; i < parts; i++) {
+    for (i = 0; i < subtexels; i++) {
         const int dx = 2 * (i % m->across) + 1 - m->across, dy = 2 * (i / m->across) + 1 - m->across;
         if (sbl__lightmap_subtexel_id(m, texel, i) != id || dx * dx + dy * dy >= nearest) continue;
         nearest = dx * dx + dy * dy;
@@ -23065,13 +23124,13 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const size_t shown = sbl__map_shown(m, (size_t)texel);
     const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
-    const int parts = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
+    const int shown_count = m->shown ? sbl__lightmap_choose_shown(m, texel) : 1;
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
         const float *own = data + 4 * (sbl__lightmap_subtexel(m, texel, i) - first);
         if (sbl__lightmap_subtexel_id(m, texel, i) != id) continue;
-        for (k = 0; k < 4; k++) out[k] += own[k] / (float)parts;
+        for (k = 0; k < 4; k++) out[k] += own[k] / (float)shown_count;
     }
 }
 
@@ -23120,7 +23179,7 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.spread, slice);
+    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.rings, slice);
 }
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
@@ -23154,8 +23213,8 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
     if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean.target;
     for (i = 1; i < sbl__spec_layers(&m->spec); i++) m->channels[first + i - 1] = &l->finals[i].target;
     for (i = 0; i < SBL__LAYERS_MOST; i++) {
-        sbl__free(&m->work.core->base, l->parts[i]);
-        l->parts[i] = NULL;
+        sbl__free(&m->work.core->base, l->group_layers[i]);
+        l->group_layers[i] = NULL;
     }
     return SBL__LIGHTMAP_DONE;
 }
@@ -23163,14 +23222,14 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
 /* Makes the light groups of a texel or vertex add up to its R. In each channel, sets values below 0 to 0, and
    multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
    from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
-   vertex; parts: per group, the floats of all texels or vertices; at: index of the first float of this one */
-static void sbl__groups_scale(const float whole[3], float *const *parts, int groups, size_t at) {
+   vertex; lights: per group, the floats of all texels or vertices; at: index of the first float of this one */
+static void sbl__groups_scale(const float whole[3], float *const *lights, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
         double sum = 0;
-        for (g = 0; g < groups; g++) sum += (double)SBL__MAX(parts[g][at + (size_t)k], 0.0f);
+        for (g = 0; g < groups; g++) sum += (double)SBL__MAX(lights[g][at + (size_t)k], 0.0f);
         for (g = 0; g < groups; g++) {
-            float *x = &parts[g][at + (size_t)k];
+            float *x = &lights[g][at + (size_t)k];
             *x = sum > 0 ? (float)((double)SBL__MAX(*x, 0.0f) * ((double)whole[k] / sum)) : g == 0 ? whole[k] : 0;
         }
     }
@@ -23187,7 +23246,7 @@ static sbl_result sbl__lightmap_scale(void *work, int row) {
     const size_t width = (size_t)l->map.size[0], end = 4 * width * ((size_t)row + 1);
     size_t at;
     for (at = 4 * width * (size_t)row; at < end; at += 4)
-        sbl__groups_scale(l->parts[0] + at, &l->parts[1], l->map.spec.groups, at);
+        sbl__groups_scale(l->group_layers[0] + at, &l->group_layers[1], l->map.spec.groups, at);
     return SBL_SUCCESS;
 }
 
@@ -23206,7 +23265,7 @@ static sbl_result sbl__lightmap_send_group(void *work, sbl__slice *slice) {
     m->work.core->device.gl.doing = "uploading the lightmap";
     if (m->work.stages.at == 0) result = sbl__map_image_make(m, 0, image);
     if (result != SBL_SUCCESS) return result;
-    return sbl__map_upload(m, &image->texture, l->parts[m->layer], &m->work.stages.at);
+    return sbl__map_upload(m, &image->texture, l->group_layers[m->layer], &m->work.stages.at);
 }
 
 static int sbl__lightmap_after_group(void *work) {
@@ -23222,7 +23281,7 @@ static int sbl__lightmap_after_send(void *work) {
     const sbl__device *d = &m->work.core->device;
     const int layer_count = sbl__spec_layers(&m->spec);
     if (m->spec.groups) {
-        l->parts[m->layer] = l->gutters.light;
+        l->group_layers[m->layer] = l->gutters.light;
         l->gutters.light = NULL;
     }
     sbl__gutters_free(d->base, &l->gutters);
@@ -23385,7 +23444,7 @@ static sbl_result sbl__joining_take(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__joining_gutters(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__joining *)work)->gutters.spread, slice);
+    return sbl__rings_step(&((sbl__joining *)work)->gutters.rings, slice);
 }
 
 static sbl_result sbl__joining_sew(void *work, sbl__slice *slice) {
@@ -23570,8 +23629,8 @@ static const sbl__front_end sbl__readings_front_end = {
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this * desc.samples points */
-#define SBL__VERTICES_COARSE 512        /* a triangle of at least this part, 1 / 512, of the square of the diagonal of
-                                           the scene's bounds has at least desc.samples points, and larger ones have
+#define SBL__VERTICES_COARSE 512        /* a triangle with an area of at least d^2 / this, where d is the diagonal of
+                                           the scene's bounds, has at least desc.samples points. Larger triangles have
                                            more, in proportion to their area, because light can vary much on them */
 #define SBL__VERTICES_MIN_AREA 1e-9f    /* smaller areas of triangles, relative to the mean of the mesh, are raised
                                            to this, see sbl__vertices.areas */
@@ -23610,8 +23669,8 @@ static const sbl__front_end sbl__readings_front_end = {
     X(SBL__VERTICES_GROUPS_SCALE, NULL, sbl__vertices_scale, sbl__vertices_scale_count, sbl__vertices_after_scale)
 enum { SBL__VERTICES_STAGES(SBL__STAGE_NAME) SBL__VERTICES_DONE };
 
-/* A mesh that is baked. Indices of vertices and triangles are consecutive over all parts, unless a comment says "index
-   in the scene". */
+/* A mesh that is baked. Indices of vertices and triangles are consecutive over all baked meshes, unless a comment says
+   "index in the scene". */
 typedef struct sbl__baked_mesh {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* index in the scene minus index here */
@@ -23633,11 +23692,11 @@ typedef struct sbl__vertices_cursor { int triangle, point; uint32_t number; } sb
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
-    int part;                   /* index of the part that sbl__baked_mesh_of found last */
+    int mesh;                   /* index of the baked mesh that sbl__baked_mesh_of found last */
     sbl_vertices_desc desc;     /* with defaults */
-    sbl__baked_mesh *parts;
-    int part_count, vertex_count, triangle_count;
-    int solved;                 /* number of parts that are solved */
+    sbl__baked_mesh *meshes;
+    int mesh_count, vertex_count, triangle_count;
+    int solved;                 /* number of baked meshes that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_cursor next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
@@ -23667,7 +23726,7 @@ typedef struct sbl__vertices {
 
 static void sbl__vertices_free(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    void *const blocks[] = { s->parts, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
+    void *const blocks[] = { s->meshes, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
                              s->neighbours, s->found_layers, s->layer_sums };
     sbl__base *base = &s->work.core->base;
     int i;
@@ -23694,20 +23753,20 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
     s->groups = s->desc.groups ? c->scene.light_groups : 0;
-    s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
-    s->parts = (sbl__baked_mesh *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
-    if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < s->part_count; i++) {
-        sbl__baked_mesh *part = &s->parts[i];
-        part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
-        part->first_vertex = s->vertex_count;
-        part->first_triangle = s->triangle_count;
-        part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
-        part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
-        part->vertex_count = g->meshes[part->mesh].vertex_count;
-        part->triangle_count = g->meshes[part->mesh].triangle_count;
-        s->vertex_count += part->vertex_count;
-        s->triangle_count += part->triangle_count;
+    s->mesh_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
+    s->meshes = (sbl__baked_mesh *)sbl__alloc(&c->base, (size_t)s->mesh_count, sizeof *s->meshes);
+    if (!s->meshes) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->mesh_count; i++) {
+        sbl__baked_mesh *baked = &s->meshes[i];
+        baked->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
+        baked->first_vertex = s->vertex_count;
+        baked->first_triangle = s->triangle_count;
+        baked->vertex_shift = g->meshes[baked->mesh].first_vertex - s->vertex_count;
+        baked->triangle_shift = g->meshes[baked->mesh].first_triangle - s->triangle_count;
+        baked->vertex_count = g->meshes[baked->mesh].vertex_count;
+        baked->triangle_count = g->meshes[baked->mesh].triangle_count;
+        s->vertex_count += baked->vertex_count;
+        s->triangle_count += baked->triangle_count;
     }
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
@@ -23728,47 +23787,47 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Converts the index of a vertex over all parts to its index in the scene. s->part must be the part that contains the
-   vertex. */
+/* Converts the index of a vertex over all baked meshes to its index in the scene. s->mesh must be the index of the
+   baked mesh that contains the vertex. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
-    return vertex + (uint32_t)s->parts[s->part].vertex_shift;
+    return vertex + (uint32_t)s->meshes[s->mesh].vertex_shift;
 }
 
-/* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
-   begins at the part found last, because most callers ask for ascending indices. */
+/* Returns the baked mesh that contains a triangle or, if is_vertex is 1, a vertex, and sets s->mesh to its index. The
+   search begins at the mesh found last, because most callers ask for ascending indices. */
 static sbl__baked_mesh *sbl__baked_mesh_of(sbl__vertices *s, int at, int is_vertex) {
-    const sbl__baked_mesh *p = s->parts;
-    int i = s->part;
+    const sbl__baked_mesh *p = s->meshes;
+    int i = s->mesh;
     if (at < (is_vertex ? p[i].first_vertex : p[i].first_triangle)) i = 0;
-    while (i + 1 < s->part_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
-    s->part = i;
-    return &s->parts[i];
+    while (i + 1 < s->mesh_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
+    s->mesh = i;
+    return &s->meshes[i];
 }
 
 /* Computes a triangle's area, stores the indices of its vertices, and adds its normal to their normals. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
-    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const uint32_t number = (uint32_t)(triangle + part->triangle_shift);
+    sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const uint32_t number = (uint32_t)(triangle + baked->triangle_shift);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
     s->areas[triangle] = (float)area;
-    part->area += area;
+    baked->area += area;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)part->vertex_shift;
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)baked->vertex_shift;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if two vertices are welded: they are in the same part and at the same position, and their normals agree. */
+/* Returns 1 if two vertices are welded: they are in the same mesh and at the same position, and their normals agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
-    return other >= (uint32_t)s->parts[s->part].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
+    return other >= (uint32_t)s->meshes[s->mesh].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
            sbl__same_position(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
@@ -23805,7 +23864,7 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
-    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, w[4] = { 0, 0, 0, 0 };
+    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, weights[4] = { 0, 0, 0, 0 };
     size_t at[4];
     int i, k;
     sbl__hinge_unknowns(s, h, at);
@@ -23821,12 +23880,12 @@ static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
         height[i] = sqrt(height[i]);
     }
     for (i = 0; i < 2 && length2 > 0 && height[0] + height[1] > 0; i++) {
-        w[i] = height[1 - i] / (height[0] + height[1]);
-        w[2] -= w[i] * (1 - along[i]);
-        w[3] -= w[i] * along[i];
+        weights[i] = height[1 - i] / (height[0] + height[1]);
+        weights[2] -= weights[i] * (1 - along[i]);
+        weights[3] -= weights[i] * along[i];
     }
-    for (i = 0; i < 4; i++) norm += w[i] * w[i];
-    for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
+    for (i = 0; i < 4; i++) norm += weights[i] * weights[i];
+    for (i = 0; i < 4; i++) h->weights[i] = (float)(weights[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
 /* Adds a hinge between a side and the first side with the same ends. If more than two triangles share an edge, the
@@ -23844,9 +23903,9 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-/* Returns the number of points on a triangle of s->part. */
+/* Returns the number of points on a triangle of s->mesh. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
-    const double wanted = (double)s->areas[triangle] * s->parts[s->part].points_wanted + 0.5;
+    const double wanted = (double)s->areas[triangle] * s->meshes[s->mesh].points_wanted + 0.5;
     const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
@@ -23854,22 +23913,22 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, part->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
+    sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const double mean = baked->area / SBL__MAX(1, baked->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
-    part->points_wanted = s->desc.samples;
-    if (across > 0) part->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
+    baked->points_wanted = s->desc.samples;
+    if (across > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
-    if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
+    if (triangle == baked->first_triangle) baked->first_hinge = s->hinge_count;
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
-    part->hinge_count = s->hinge_count - part->first_hinge;
+    baked->hinge_count = s->hinge_count - baked->first_hinge;
     return result;
 }
 
@@ -23889,7 +23948,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
+/* Returns the triangle of a point, gets the point's barycentric weights, sets s->mesh to the triangle's mesh, and
    advances *cursor to the next point. Only cursor->number stays behind: it becomes the number of the returned point. */
 static int sbl__vertices_advance(sbl__vertices *s, sbl__vertices_cursor *cursor, double weights[3]) {
     const int triangle = cursor->triangle;
@@ -23911,9 +23970,9 @@ static sbl_result sbl__vertices_site(void *work, int site) {
     sbl_site point;
     double h[3];
     const int triangle = sbl__vertices_advance(s, &s->next_site, h);
-    const sbl__baked_mesh *part = &s->parts[s->part];
-    const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
-    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
+    const sbl__baked_mesh *baked = &s->meshes[s->mesh];
+    const uint32_t number = (uint32_t)baked->mesh * SBL__VERTICES_APART + s->next_site.number;
+    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + baked->triangle_shift), h, &point);
     sbl__site_make(&s->work, &point, number, &s->work.sites[site]);
     return SBL_SUCCESS;
 }
@@ -23929,31 +23988,31 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
-    double h[3];
-    const int triangle = sbl__vertices_advance(s, &s->next_reading, h);
+    double weights[3];
+    const int triangle = sbl__vertices_advance(s, &s->next_reading, weights);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
     float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);
-    int a, b, k, layer;
+    int corner, other, k, layer;
     s->work.core->stats.sensors.sites++;
     s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
-    s->parts[s->part].points += 1;
-    s->parts[s->part].back_points += sees_back;
+    s->meshes[s->mesh].points += 1;
+    s->meshes[s->mesh].back_points += sees_back;
     if (sees_back && !s->back_sums)
         s->back_sums = (float *)sbl__alloc(&s->work.core->base, (size_t)s->triangle_count,
                                            SBL__VERTICES_SUMS * sizeof *s->back_sums);
     sums = sees_back ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
-    for (a = 0; a < 3; a++)
-        for (b = a; b < 3; b++) *sums++ += (float)(weight * h[a] * h[b]);
+    for (corner = 0; corner < 3; corner++)
+        for (other = corner; other < 3; other++) *sums++ += (float)(weight * weights[corner] * weights[other]);
     *sums++ += (float)weight;
-    for (a = 0; a < 3; a++)
-        for (k = 0; k < 3; k++) *sums++ += (float)(weight * h[a] * r->radiance[k]);
+    for (corner = 0; corner < 3; corner++)
+        for (k = 0; k < 3; k++) *sums++ += (float)(weight * weights[corner] * r->radiance[k]);
     for (layer = 0; layer < s->groups; layer++)
-        for (a = 0; a < 3; a++)
-            for (k = 0; k < 3; k++) *layers++ += (float)(weight * h[a] * found[3 * layer + k]);
+        for (corner = 0; corner < 3; corner++)
+            for (k = 0; k < 3; k++) *layers++ += (float)(weight * weights[corner] * found[3 * layer + k]);
     return SBL_SUCCESS;
 }
 
@@ -23972,8 +24031,8 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
    the corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
+    const sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const int inside_out = baked->back_points > SBL__VERTICES_INSIDE_OUT * baked->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const size_t first = SBL__VERTICES_SUMS * (size_t)triangle;
     float *sums = s->sums + first, missing, spring;
@@ -24014,23 +24073,23 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
 }
 
 /* Adds one term of the normal equations' matrix, times `direction`, to `product`. The terms are the triangles of the
-   part that is being solved, then its hinges. */
+   mesh that is being solved, then its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const sbl__baked_mesh *part = &s->parts[s->solved];
-    const size_t triangle = (size_t)(part->first_triangle + term);
+    const sbl__baked_mesh *baked = &s->meshes[s->solved];
+    const size_t triangle = (size_t)(baked->first_triangle + term);
     const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && term < part->triangle_count; a++)
+    for (a = 0; a < 3 && term < baked->triangle_count; a++)
         for (b = 0; b < 3; b++) {
             const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
             const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
             double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (term < part->triangle_count) return;
-    h = &s->hinges[part->first_hinge + term - part->triangle_count];
+    if (term < baked->triangle_count) return;
+    h = &s->hinges[baked->first_hinge + term - baked->triangle_count];
     sbl__hinge_unknowns(s, h, at);
     for (k = 0; k < 3; k++) {
         double bend = 0;
@@ -24113,8 +24172,8 @@ static int sbl__vertices_after_write(void *work) {
 /* Adds a triangle's sums for the next light group to the right-hand side, as sbl__vertices_mass does for R. */
 static sbl_result sbl__vertices_next(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = sbl__baked_mesh_of(s, triangle, 0);
-    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
+    const sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
+    const int inside_out = baked->back_points > SBL__VERTICES_INSIDE_OUT * baked->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     const float *layer = sbl__vertices_layers(s, triangle, 0) + 9 * (s->layer - 1);
     const float *back = sbl__vertices_layers(s, triangle, 1) + 9 * (s->layer - 1);
@@ -24137,10 +24196,10 @@ static int sbl__vertices_after_next(void *work) {
 /* Scales the light groups of a vertex so that they add up to its R. */
 static sbl_result sbl__vertices_scale(void *work, int vertex) {
     const sbl__vertices *s = (const sbl__vertices *)work;
-    float *parts[SBL_MAX_LIGHT_GROUPS];
+    float *lights[SBL_MAX_LIGHT_GROUPS];
     int i;
-    for (i = 0; i < s->groups; i++) parts[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
-    sbl__groups_scale(s->desc.radiance + 3 * (size_t)vertex, parts, s->groups, 3 * (size_t)vertex);
+    for (i = 0; i < s->groups; i++) lights[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
+    sbl__groups_scale(s->desc.radiance + 3 * (size_t)vertex, lights, s->groups, 3 * (size_t)vertex);
     return SBL_SUCCESS;
 }
 
@@ -24154,7 +24213,7 @@ static int sbl__vertices_scale_count(void *work) {
 static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
-    const size_t room = (size_t)SBL__MIN((double)s->points, SBL__WORK_SITES), row = (size_t)s->groups;
+    const size_t capacity = (size_t)SBL__MIN((double)s->points, SBL__WORK_SITES), row = (size_t)s->groups;
     sbl_result result;
     (void)slice;
     s->solver.user = s;
@@ -24167,26 +24226,26 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
         return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__work_make_task(&s->work, (double)s->points, 1);
     if (!s->groups || result != SBL_SUCCESS) return result;
-    s->found_layers = (float *)sbl__alloc_raw(base, room, 12 * row);
+    s->found_layers = (float *)sbl__alloc_raw(base, capacity, 12 * row);
     s->layer_sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, 18 * sizeof(float) * row);
     s->work.task.layers = s->found_layers;
     s->work.task.spec.groups = s->groups;
     return s->found_layers && s->layer_sums ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
+/* Solves the equations of one mesh after the other, so that the light of a mesh does not depend on other meshes. */
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__baked_mesh *part = s->parts + s->solved;
+    const sbl__baked_mesh *baked = s->meshes + s->solved;
     sbl_result result;
-    if (s->desc.average || s->solved == s->part_count) return SBL_SUCCESS;
-    s->solver.first = part->first_vertex;
-    s->solver.count = part->vertex_count;
-    s->solver.term_count = part->triangle_count + part->hinge_count;
+    if (s->desc.average || s->solved == s->mesh_count) return SBL_SUCCESS;
+    s->solver.first = baked->first_vertex;
+    s->solver.count = baked->vertex_count;
+    s->solver.term_count = baked->triangle_count + baked->hinge_count;
     result = sbl__solver_step(&s->solver, slice);
     if (result != SBL_SUCCESS) return result;
     memset(s->solver.most2, 0, sizeof s->solver.most2);
-    return ++s->solved < s->part_count ? SBL_UNFINISHED : SBL_SUCCESS;
+    return ++s->solved < s->mesh_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__vertices_next_job(void *work) {
@@ -24273,7 +24332,7 @@ enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of
     X(SBL__PROBES_TAKE, NULL, sbl__probes_take, sbl__work_site_count, sbl__probes_after_take)
 enum { SBL__PROBES_STAGES(SBL__STAGE_NAME) SBL__PROBES_DONE };
 
-/* weighted sums that become the fields of sbl_probe with the same name */
+/* Weighted sums that become the fields of sbl_probe with the same name */
 typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
 
 /* A probe of the batch, and sums over the readings of its sites in the current round */
@@ -24307,13 +24366,13 @@ typedef struct sbl__probes {
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__base *base = &g->work.core->base;
-    sbl__free(base, g->layers);
-    sbl__free(base, g->sequence);
-    sbl__free(base, g->sums);
-    sbl__work_free_task(&g->work);
-    memset(g, 0, sizeof *g);
+    sbl__probes *p = (sbl__probes *)work;
+    sbl__base *base = &p->work.core->base;
+    sbl__free(base, p->layers);
+    sbl__free(base, p->sequence);
+    sbl__free(base, p->sums);
+    sbl__work_free_task(&p->work);
+    memset(p, 0, sizeof *p);
 }
 
 /* Evaluates the spherical harmonics of sbl_probe in a unit direction. */
@@ -24353,39 +24412,39 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 }
 
 /* Returns the number that selects the directions of a probe's rays. i: index of the probe in desc.probes */
-static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_t)(g->desc.first_probe + i); }
+static uint32_t sbl__probe_number(const sbl__probes *p, int i) { return (uint32_t)(p->desc.first_probe + i); }
 
-static int sbl__probe_normals(const sbl__probes *g) { return g->latitudes * g->around; }
+static int sbl__probe_normals(const sbl__probes *p) { return p->latitudes * p->around; }
 
 /* Returns the number of sites of one kind per probe. */
-static int sbl__probe_sites(const sbl__probes *g, int kind) {
-    return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
+static int sbl__probe_sites(const sbl__probes *p, int kind) {
+    return kind == SBL__PROBE_RAYS ? p->desc.options.rays : sbl__probe_normals(p) + 6;
 }
 
 /* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
    the direction of a light, so it needs many axes; the odd part is smooth. So the latitudes fill only the half z >
    0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
    number of axes; and every other latitude is rotated by half a step. */
-static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
-    const int row = i / g->around, step = i % g->around, sign = (row + step) & 1 ? -1 : 1;
-    const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / g->around, z = g->latitude[row], r = sqrt(1 - z * z);
+static void sbl__probe_normal(const sbl__probes *p, int i, double out[3]) {
+    const int row = i / p->around, step = i % p->around, sign = (row + step) & 1 ? -1 : 1;
+    const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / p->around, z = p->latitude[row], r = sqrt(1 - z * z);
     out[0] = sign * r * cos(angle);
     out[1] = sign * r * sin(angle);
     out[2] = sign * z;
 }
 
-/* Computes the direction of a probe's site i of kind g->kind: the direction of a ray, or a normal. The normals of the
+/* Computes the direction of a probe's site i of kind p->kind: the direction of a ray, or a normal. The normals of the
    cube's sides come last. number: index of the probe in desc.probes */
-static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
-    const int side = i - sbl__probe_normals(g);
+static void sbl__probe_direction(const sbl__probes *p, int number, int i, double out[3]) {
+    const int side = i - sbl__probe_normals(p);
     double u[2], r;
-    if (g->kind == SBL__PROBE_HEMISPHERES && side < 0) {
-        sbl__probe_normal(g, i, out);
-    } else if (g->kind == SBL__PROBE_HEMISPHERES) {
+    if (p->kind == SBL__PROBE_HEMISPHERES && side < 0) {
+        sbl__probe_normal(p, i, out);
+    } else if (p->kind == SBL__PROBE_HEMISPHERES) {
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__sensor_seed(sbl__probe_number(g, number), g->desc.options.seed), u);
+        sbl__sequence_at(p->sequence, i, sbl__sensor_seed(sbl__probe_number(p, number), p->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -24397,9 +24456,9 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     int k, point = d->first_probe + i;
     for (k = 0; k < 3; k++) {
-        const double share = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
+        const double fraction = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
         out[k] = d->positions ? d->positions[3 * (size_t)i + (size_t)k]
-                              : (float)((1 - share) * d->lowest[k] + share * d->highest[k]);
+                              : (float)((1 - fraction) * d->lowest[k] + fraction * d->highest[k]);
         point /= SBL__MAX(1, d->grid[k]);
     }
 }
@@ -24411,115 +24470,115 @@ static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__m
 }
 
 static sbl_result sbl__probes_begin(void *work, const void *desc) {
-    sbl__probes *g = (sbl__probes *)work;
-    const sbl__geometry *geometry = &g->work.core->scene.geometry;
-    g->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
-    if (sbl__all_zero(g->desc.lowest, 3) && sbl__all_zero(g->desc.highest, 3)) {
-        sbl__to_host(geometry->centre, geometry->bounds[0], g->desc.lowest);
-        sbl__to_host(geometry->centre, geometry->bounds[1], g->desc.highest);
+    sbl__probes *p = (sbl__probes *)work;
+    const sbl__geometry *geometry = &p->work.core->scene.geometry;
+    p->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
+    if (sbl__all_zero(p->desc.lowest, 3) && sbl__all_zero(p->desc.highest, 3)) {
+        sbl__to_host(geometry->centre, geometry->bounds[0], p->desc.lowest);
+        sbl__to_host(geometry->centre, geometry->bounds[1], p->desc.highest);
     }
-    g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
-    g->latitudes = g->lamps_apart ? SBL__PROBE_LATITUDES : SBL__PROBE_VIEW_LATITUDES;
-    g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
-    sbl__gauss_nodes(g->latitudes, g->latitude, g->latitude_weight);
+    p->lamps_apart = p->work.measurement.options.backend == SBL_BACKEND_TRACE;
+    p->latitudes = p->lamps_apart ? SBL__PROBE_LATITUDES : SBL__PROBE_VIEW_LATITUDES;
+    p->around = p->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    sbl__gauss_nodes(p->latitudes, p->latitude, p->latitude_weight);
     return SBL_SUCCESS;
 }
 
 /* Makes the specs of both kinds of sites, and allocates memory for a batch. */
 static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__core *c = g->work.core;
-    sbl__spec *hemispheres = &g->specs[SBL__PROBE_HEMISPHERES], *rays = &g->specs[SBL__PROBE_RAYS];
-    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
-    const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
-    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_DIVISOR, SBL__PROBE_LAMP_LEAST);
-    sbl__measurement measurement = g->work.measurement;
+    sbl__probes *p = (sbl__probes *)work;
+    sbl__core *c = p->work.core;
+    sbl__spec *hemispheres = &p->specs[SBL__PROBE_HEMISPHERES], *rays = &p->specs[SBL__PROBE_RAYS];
+    const int most = SBL__MAX(sbl__probe_sites(p, SBL__PROBE_HEMISPHERES), p->desc.options.rays);
+    const int batch = SBL__MIN(SBL__PROBES_BATCH, p->desc.probe_count);
+    const int lamp_rays = SBL__MAX(p->desc.options.rays / SBL__PROBE_LAMP_DIVISOR, SBL__PROBE_LAMP_LEAST);
+    sbl__measurement measurement = p->work.measurement;
     (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
-    if (g->lamps_apart) {
+    if (p->lamps_apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
     sbl__spec_make(hemispheres, &measurement, &c->scene, &c->desc);
-    if (g->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
+    if (p->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
     hemispheres->looks = SBL__PROBE_LOOKS;
-    measurement = g->work.measurement;
+    measurement = p->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
     sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
     rays->lamp_rays = 0;
     rays->one_ray = 1;
-    hemispheres->groups = rays->groups = g->groups = g->desc.groups ? c->scene.light_groups : 0;
-    g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
-    g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
-    if (!g->sequence || !g->sums) return SBL_ERROR_OUT_OF_MEMORY;
-    if (g->groups) {
-        const size_t room = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
-        g->layers = (float *)sbl__alloc_raw(&c->base, room, 12 * (size_t)g->groups);
-        if (!g->layers) return SBL_ERROR_OUT_OF_MEMORY;
-        g->work.task.layers = g->layers;
+    hemispheres->groups = rays->groups = p->groups = p->desc.groups ? c->scene.light_groups : 0;
+    p->sequence = sbl__sequence_make(&c->base, 1, p->desc.options.rays, 1);
+    p->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *p->sums);
+    if (!p->sequence || !p->sums) return SBL_ERROR_OUT_OF_MEMORY;
+    if (p->groups) {
+        const size_t capacity = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
+        p->layers = (float *)sbl__alloc_raw(&c->base, capacity, 12 * (size_t)p->groups);
+        if (!p->layers) return SBL_ERROR_OUT_OF_MEMORY;
+        p->work.task.layers = p->layers;
     }
-    return sbl__work_make_task(&g->work, (double)most * batch, 1);
+    return sbl__work_make_task(&p->work, (double)most * batch, 1);
 }
 
-/* Begins a job with the sites of kind g->kind, from g->from on. */
-static int sbl__probes_next_job(sbl__probes *g) {
-    g->work.task.spec = g->specs[g->kind];
-    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
+/* Begins a job with the sites of kind p->kind, from p->from on. */
+static int sbl__probes_next_job(sbl__probes *p) {
+    p->work.task.spec = p->specs[p->kind];
+    p->work.task.site_count = SBL__MIN(SBL__WORK_SITES, p->count * sbl__probe_sites(p, p->kind) - p->from);
     return SBL__PROBES_SITES;
 }
 
 /* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
-static int sbl__probes_round(sbl__probes *g) {
-    g->kind = g->lamps_apart && !g->specs[SBL__PROBE_HEMISPHERES].lamp_rays ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
-    g->from = 0;
-    return sbl__probes_next_job(g);
+static int sbl__probes_round(sbl__probes *p) {
+    p->kind = p->lamps_apart && !p->specs[SBL__PROBE_HEMISPHERES].lamp_rays ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
+    p->from = 0;
+    return sbl__probes_next_job(p);
 }
 
-/* Begins a batch with the probes from g->first on, or ends the work if none is left. */
+/* Begins a batch with the probes from p->first on, or ends the work if none is left. */
 static int sbl__probes_batch(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
+    sbl__probes *p = (sbl__probes *)work;
     int i;
-    g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
-    g->round = 0;
-    memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
-    for (i = 0; i < g->count; i++) {
-        g->sums[i].number = g->first + i;
-        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].position);
+    p->taken = p->count = SBL__MIN(SBL__PROBES_BATCH, p->desc.probe_count - p->first);
+    p->round = 0;
+    memset(p->sums, 0, sizeof *p->sums * (size_t)p->count);
+    for (i = 0; i < p->count; i++) {
+        p->sums[i].number = p->first + i;
+        sbl__probe_asked(&p->desc, p->first + i, p->sums[i].position);
     }
-    return g->count ? sbl__probes_round(g) : SBL__PROBES_DONE;
+    return p->count ? sbl__probes_round(p) : SBL__PROBES_DONE;
 }
 
 static sbl_result sbl__probes_site(void *work, int at) {
-    sbl__probes *g = (sbl__probes *)work;
-    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
-    const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
-    sbl__site *site = &g->work.sites[at];
+    sbl__probes *p = (sbl__probes *)work;
+    const int each = sbl__probe_sites(p, p->kind), i = (p->from + at) % each;
+    const sbl__probe_sum *sum = &p->sums[(p->from + at) / each];
+    sbl__site *site = &p->work.sites[at];
     double direction[3];
     int k;
     memset(site, 0, sizeof *site);
-    sbl__probe_direction(g, sum->number, i, direction);
+    sbl__probe_direction(p, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-    sbl__from_host(g->work.core->scene.geometry.centre, sum->position, site->position);
-    site->number = sbl__probe_number(g, sum->number) * (uint32_t)each + (uint32_t)i;
-    site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
+    sbl__from_host(p->work.core->scene.geometry.centre, sum->position, site->position);
+    site->number = sbl__probe_number(p, sum->number) * (uint32_t)each + (uint32_t)i;
+    site->looks = p->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(p) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
 }
 
 /* Returns a layer of reading `at` of the current job. */
-static const float *sbl__probe_found(const sbl__probes *g, int at, int layer) {
-    return layer ? g->layers + 3 * ((size_t)g->groups * (size_t)at + (size_t)layer - 1) : g->work.readings[at].radiance;
+static const float *sbl__probe_found(const sbl__probes *p, int at, int layer) {
+    return layer ? p->layers + 3 * ((size_t)p->groups * (size_t)at + (size_t)layer - 1) : p->work.readings[at].radiance;
 }
 
 /* Adds a layer of the reading of a site to the harmonics: the radiance along a ray, or R at a normal. Also adds a ray's
    radiance to the sides of the cube. site: index of the site among the sites of its probe. d: its direction */
-static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site, const double d[3],
+static void sbl__probe_add(const sbl__probes *p, sbl__probe_light *sum, int site, const double d[3],
                            const float radiance[3]) {
     /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
-    const int rays = g->kind == SBL__PROBE_RAYS;
-    const double share = rays ? 1.0 / g->desc.options.rays : g->latitude_weight[site / g->around] / g->around;
-    const double area = 4 * SBL__PI * share;
+    const int rays = p->kind == SBL__PROBE_RAYS;
+    const double fraction = rays ? 1.0 / p->desc.options.rays : p->latitude_weight[site / p->around] / p->around;
+    const double area = 4 * SBL__PI * fraction;
     double y[9];
     int i, k;
     sbl__harmonics_of(d, y);
@@ -24538,7 +24597,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
-    float *way = sum->exits[octant];
+    float *nearest = sum->exits[octant];
     int i, k;
     if (!(r->hit_share > 0)) return;
     sum->hits++;
@@ -24551,35 +24610,35 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     }
     if (!(r->back_share > 0)) return;
     sum->back++;
-    if (!exits || (way[3] > 0 && way[3] <= r->hit_mean)) return;
-    for (k = 0; k < 3; k++) way[k] = (float)d[k];
-    way[3] = r->hit_mean;
+    if (!exits || (nearest[3] > 0 && nearest[3] <= r->hit_mean)) return;
+    for (k = 0; k < 3; k++) nearest[k] = (float)d[k];
+    nearest[3] = r->hit_mean;
 }
 
 static sbl_result sbl__probes_take(void *work, int at) {
-    sbl__probes *g = (sbl__probes *)work;
-    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
-    const sbl_reading *r = &g->work.readings[at];
-    sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    sbl__probes *p = (sbl__probes *)work;
+    const int each = sbl__probe_sites(p, p->kind), i = (p->from + at) % each, side = i - sbl__probe_normals(p);
+    const sbl_reading *r = &p->work.readings[at];
+    sbl__probe_sum *sum = &p->sums[(p->from + at) / each];
     double d[3];
     int k, layer;
     sum->invalid |= !r->valid;
-    if (g->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
-        for (layer = 0; layer <= g->groups; layer++)
+    if (p->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
+        for (layer = 0; layer <= p->groups; layer++)
             for (k = 0; k < 3; k++)
-                sum->light[layer].cube[side][k] += (double)sbl__probe_found(g, at, layer)[k];
+                sum->light[layer].cube[side][k] += (double)sbl__probe_found(p, at, layer)[k];
         return SBL_SUCCESS;
     }
-    sbl__probe_direction(g, sum->number, i, d);
-    for (layer = 0; layer <= (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES ? g->groups : -1); layer++)
-        sbl__probe_add(g, &sum->light[layer], i, d, sbl__probe_found(g, at, layer));
-    if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
+    sbl__probe_direction(p, sum->number, i, d);
+    for (layer = 0; layer <= (p->lamps_apart || p->kind == SBL__PROBE_HEMISPHERES ? p->groups : -1); layer++)
+        sbl__probe_add(p, &sum->light[layer], i, d, sbl__probe_found(p, at, layer));
+    if (p->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, p->round == 0 && p->desc.move > 0);
     return SBL_SUCCESS;
 }
 
 /* Makes the probe for the host, with a layer of its light. If a sum is not finite, the probe is invalid and all fields
    but position are 0. */
-static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
+static void sbl__probe_make(const sbl__probes *p, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->light[layer].sh[i][k];
@@ -24589,78 +24648,78 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
     }
-    out->sky = (float)(1 - sum->hits / g->desc.options.rays);
+    out->sky = (float)(1 - sum->hits / p->desc.options.rays);
     out->back_share = sum->hits > 0 ? (float)(sum->back / sum->hits) : 0;
     finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
              sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
     if (!finite) memset(out, 0, sizeof *out);
-    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
+    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * p->desc.options.rays;
     memcpy(out->position, sum->position, sizeof out->position);
 }
 
 /* Moves a probe through the back face nearest to the requested position, among those not tried yet. Returns 0 if none
    is within reach of desc.move. */
-static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
-    const double most = (double)g->desc.move;
-    float from[3], *way = NULL;
+static int sbl__probe_move(const sbl__probes *p, sbl__probe_sum *sum) {
+    const double most = (double)p->desc.move;
+    float from[3], *nearest = NULL;
     double distance;
     int i, k;
     for (i = 0; i < 8; i++)
-        if (sum->exits[i][3] > 0 && (!way || sum->exits[i][3] < way[3])) way = sum->exits[i];
-    if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
-    distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
-    sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)way[k]);
-    way[3] = 0;
+        if (sum->exits[i][3] > 0 && (!nearest || sum->exits[i][3] < nearest[3])) nearest = sum->exits[i];
+    if (!nearest || (double)nearest[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
+    distance = SBL__MIN((double)nearest[3] + SBL__PROBE_BEYOND * most, most);
+    sbl__probe_asked(&p->desc, sum->number, from);
+    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)nearest[k]);
+    nearest[3] = 0;
     return 1;
 }
 
 /* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move
    or, if none can, the next batch. A probe that is invalid in every round keeps the result of the first round. */
-static int sbl__probes_close(sbl__probes *g) {
-    sbl_stats *stats = &g->work.core->stats;
+static int sbl__probes_close(sbl__probes *p) {
+    sbl_stats *stats = &p->work.core->stats;
     int i, k, left = 0;
-    stats->sensors.sites += g->count;
-    for (i = 0; i < g->count; i++) {
-        const sbl__probe_sum *sum = &g->sums[i];
+    stats->sensors.sites += p->count;
+    for (i = 0; i < p->count; i++) {
+        const sbl__probe_sum *sum = &p->sums[i];
         sbl__probe_sum next;
         sbl_probe probe;
-        sbl__probe_make(g, sum, 0, &probe);
-        if (probe.valid || g->round == 0) {
-            g->desc.probes[sum->number] = probe;
-            for (k = 0; k < g->groups; k++)
-                sbl__probe_make(g, sum, k + 1, &g->desc.groups[(size_t)g->groups * (size_t)sum->number + (size_t)k]);
+        sbl__probe_make(p, sum, 0, &probe);
+        if (probe.valid || p->round == 0) {
+            p->desc.probes[sum->number] = probe;
+            for (k = 0; k < p->groups; k++)
+                sbl__probe_make(p, sum, k + 1, &p->desc.groups[(size_t)p->groups * (size_t)sum->number + (size_t)k]);
         }
-        if (g->round == 0) stats->sensors.invalid += !probe.valid;
+        if (p->round == 0) stats->sensors.invalid += !probe.valid;
         else stats->sensors.invalid -= probe.valid;
         memset(&next, 0, sizeof next);
         next.number = sum->number;
         memcpy(next.exits, sum->exits, sizeof next.exits);
-        if (!probe.valid && sbl__probe_move(g, &next)) g->sums[left++] = next;
+        if (!probe.valid && sbl__probe_move(p, &next)) p->sums[left++] = next;
     }
-    g->count = left;
-    g->round++;
-    if (left) return sbl__probes_round(g);
-    g->first += g->taken;
-    return sbl__probes_batch(g);
+    p->count = left;
+    p->round++;
+    if (left) return sbl__probes_round(p);
+    p->first += p->taken;
+    return sbl__probes_batch(p);
 }
 
 static int sbl__probes_after_take(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->from += g->work.task.site_count;
-    if (g->from == g->count * sbl__probe_sites(g, g->kind)) {
-        g->from = 0;
-        g->kind++;
+    sbl__probes *p = (sbl__probes *)work;
+    p->from += p->work.task.site_count;
+    if (p->from == p->count * sbl__probe_sites(p, p->kind)) {
+        p->from = 0;
+        p->kind++;
     }
-    return g->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(g) : sbl__probes_close(g);
+    return p->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(p) : sbl__probes_close(p);
 }
 
 static float sbl__probes_progress(const void *work) {
-    const sbl__probes *g = (const sbl__probes *)work;
-    double part = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
-    if (sbl__work_is_done(&g->work)) return 1;
-    part = 0.5 * (part / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
-    return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
+    const sbl__probes *p = (const sbl__probes *)work;
+    double done = p->from + sbl__work_measured(&p->work, SBL__PROBES_SENSE);
+    if (sbl__work_is_done(&p->work)) return 1;
+    done = 0.5 * (done / SBL__MAX(1, p->count * sbl__probe_sites(p, p->kind)) + p->kind);
+    return (float)((p->first + (p->round ? 1 : done) * p->taken) / SBL__MAX(1, p->desc.probe_count));
 }
 
 static const sbl__stage_row sbl__probes_stages[] = { SBL__PROBES_STAGES(SBL__STAGE_ROW) };
@@ -24711,12 +24770,12 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
-static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
-    const sbl__geometry *g = &k->core->scene.geometry;
-    const sbl__lamps *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
+static int sbl__inspect_lamp(sbl__inspect_request *request, int leaf) {
+    const sbl__geometry *g = &request->core->scene.geometry;
+    const sbl__lamps *l = sbl__scene_lamps(&request->core->scene, request->found->job.task.spec.glows);
     const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
+    sbl_sensor_lamp lamp, *const lamps = request->found->lamps;
     int i;
     memset(&lamp, 0, sizeof lamp);
     lamp.kind = kind == SBL__LAMP_TRIANGLE || kind == SBL__LAMP_GLOW ? SBL_LAMP_TRIANGLE
@@ -24725,21 +24784,21 @@ static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     lamp.mesh = -1;
     if (kind == SBL__LAMP_GLOW) number = l->glows[number].triangle;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
-        number = k->core->scene.hierarchy.order[number];
+        number = request->core->scene.hierarchy.order[number];
         lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
         number -= (uint32_t)g->meshes[lamp.mesh].first_triangle;
     }
     lamp.number = (int)number;
-    for (i = 0; i < k->out.lamp_count; i++)
+    for (i = 0; i < request->out.lamp_count; i++)
         if (lamps[i].kind == lamp.kind && lamps[i].mesh == lamp.mesh && lamps[i].number == lamp.number) return i;
-    lamps[k->out.lamp_count++] = lamp;
+    lamps[request->out.lamp_count++] = lamp;
     return i;
 }
 
 static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
     const sbl_result result = sbl__aim_use(j, b, SBL__INSPECT, b->slots->blocks, 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__set_int(d, "parts", j->aim.parts);
+    sbl__set_int(d, "invocations", j->aim.invocations);
     sbl__set_int(d, "sheet_slot", sbl__inspect_slot(j));
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
@@ -24748,9 +24807,9 @@ static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl_
 /* Runs the program for rays over the hemisphere or, if lamps is 1, for rays towards lamps, for the look of the request,
    with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the second output;
    the caller frees *out, also after an error */
-static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
-    sbl__device *d = &k->core->device;
-    const sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect_run(const sbl__inspect_request *request, int lamps, const int size[2], float **out) {
+    sbl__device *d = &request->core->device;
+    const sbl__job *j = &request->found->job;
     const size_t count = (size_t)size[0] * (size_t)size[1];
     sbl__slots slots;
     sbl__blocks blocks;
@@ -24775,24 +24834,24 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
 
 /* Traces the rays over the hemisphere again, and reads each ray. The sheet is one row with one texel per ray. The
    outputs are those of trace.glsl for inspections. */
-static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
-    sbl__base *base = &k->core->base;
-    const int rays = k->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
+static sbl_result sbl__inspect_rays(sbl__inspect_request *request) {
+    sbl__base *base = &request->core->base;
+    const int rays = request->found->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
     float *data = NULL;
-    sbl_result result = sbl__inspect_run(k, 0, size, &data);
+    sbl_result result = sbl__inspect_run(request, 0, size, &data);
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
-        const float *sum = data + 4 * (size_t)i, *way = sum + 4 * (size_t)(size[0] * size[1]);
+        const float *sum = data + 4 * (size_t)i, *direction = sum + 4 * (size_t)(size[0] * size[1]);
         const float weight = sum[3];
-        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
+        sbl_sensor_ray *ray = &request->found->rays[request->out.ray_count++];
         ray->lamp = -1;
-        ray->distance = way[3];
-        memcpy(ray->direction, way, sizeof ray->direction);
+        ray->distance = direction[3];
+        memcpy(ray->direction, direction, sizeof ray->direction);
         for (n = 0; n < 3; n++) ray->radiance[n] = weight > 0 ? sum[n] / weight : 0;
-        if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
-        if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
-        if (k->weights) k->weights[i] = weight;
-        k->out.weight_sum += weight;
+        if (request->radiance) memcpy(request->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
+        if (request->radiance) request->radiance[4 * i + 3] = ray->distance;
+        if (request->weights) request->weights[i] = weight;
+        request->out.weight_sum += weight;
     }
     sbl__free(base, data);
     return result;
@@ -24801,19 +24860,19 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
 /* >>inspect: views */
 
 /* Reads the look's views, which together form the sheet, from the view texture, and computes the weights of texels. */
-static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
-    const sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect_sheet(sbl__inspect_request *request) {
+    sbl__core *c = request->core;
+    const sbl__job *j = &request->found->job;
     const sbl__raster *r = &j->raster;
-    const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
-    const sbl__layout *l = &lens->layout;
+    const sbl__sheets *sheets = &r->sheets[SBL__LOOK_SITE];
+    const sbl__layout *l = &sheets->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
     float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet[1], 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
     sbl_result result = rows && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__raster_corner(lens, sbl__inspect_slot(j), corner);
+    sbl__raster_corner(sheets, sbl__inspect_slot(j), corner);
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
@@ -24823,27 +24882,28 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
             const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
             const size_t texel = (size_t)y * (size_t)l->sheet[0] + (size_t)x;
-            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
-            if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
-            if (k->weights) k->weights[texel] = weight[0];
+            for (i = 0; i < 3 && request->radiance; i++)
+                request->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
+            if (request->radiance) request->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
+            if (request->weights) request->weights[texel] = weight[0];
             weights += weight[0];
         }
-    k->out.weight_sum = (float)weights;
+    request->out.weight_sum = (float)weights;
     sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
 
-static void sbl__inspect_views(sbl__inspect_request *k) {
-    const sbl__layout *l = sbl__job_layout(&k->found->job);
-    sbl_sensor *out = &k->out;
+static void sbl__inspect_views(sbl__inspect_request *request) {
+    const sbl__layout *l = sbl__job_layout(&request->found->job);
+    sbl_sensor *out = &request->out;
     int face, i;
     out->view_count = l ? l->view_count : 0;
     for (face = 0; face < out->view_count; face++) {
         sbl_sensor_view *v = &out->views[face];
         double right[3], up[3], forward[3], range[4];
         memcpy(v->rect, l->rects[face], sizeof v->rect);
-        sbl__view_axes(&k->look, face, right, up, forward);
+        sbl__view_axes(&request->look, face, right, up, forward);
         sbl__view_range(l, face, range);
         for (i = 0; i < 3; i++) {
             v->right[i] = (float)right[i];
@@ -24856,18 +24916,18 @@ static void sbl__inspect_views(sbl__inspect_request *k) {
 
 /* >>inspect: rays towards lamps */
 
-/* Adds the outputs out_light and out_way of an invocation of lamps.glsl to the result. is_ray: 1: the invocation traced
-   a ray; 0: it describes one of the lamps or clusters that the look chose */
-static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
-    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
-    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+/* Adds the outputs out_light and out_direction of an invocation of lamps.glsl to the result. is_ray: 1: the invocation
+   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+static void sbl__inspect_take(sbl__inspect_request *request, const float *light, const float *direction, int is_ray) {
+    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(request, (int)direction[3]) : 0;
+    sbl_sensor_lamp *l = &request->found->lamps[lamp];
     if (!state) return;
     l->rays += is_ray || state > 1;
     l->open += state == (is_ray ? 1 : 2);
     if (is_ray) {
-        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
+        sbl_sensor_ray *ray = &request->found->rays[request->out.ray_count++];
         ray->lamp = lamp;
-        memcpy(ray->direction, way, sizeof ray->direction);
+        memcpy(ray->direction, direction, sizeof ray->direction);
         memcpy(ray->radiance, light, sizeof ray->radiance);
     } else if (l->kind != SBL_LAMP_SKY_TEXEL)
         memcpy(l->unhindered, light, sizeof l->unhindered);
@@ -24875,27 +24935,28 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
 
 /* Reads the sum of light from lamps, as the job measured it. Then traces the rays towards lamps again, and reads each
    ray. */
-static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
-    sbl__device *d = &k->core->device;
-    const sbl__job *j = &k->found->job;
-    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
+static sbl_result sbl__inspect_lamps(sbl__inspect_request *request) {
+    sbl__device *d = &request->core->device;
+    const sbl__job *j = &request->found->job;
+    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, invocations = j->aim.invocations;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
-    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
+    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)invocations, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
-    for (i = 0; i < parts && result == SBL_SUCCESS; i++)
+    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * invocations, invocations, light);
+    for (i = 0; i < invocations && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->out.from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
-                                (float)parts / sbl__job_scale(j);
+            request->out.from_lamps[n] +=
+                light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] / (float)invocations /
+                sbl__job_scale(j);
     sbl__free(d->base, light);
-    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
+    if (result == SBL_SUCCESS) result = sbl__inspect_run(request, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         /* In `data`, the results of rays come before those of lamps; a sensor's entries begin with the lamps. */
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
-        sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
+        sbl__inspect_take(request, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
     sbl__free(d->base, data);
     return result;
@@ -24904,17 +24965,17 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 /* >>inspect: the job */
 
 /* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and the size of the sheet. */
-static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
+static sbl_result sbl__inspect_check(sbl__inspect_request *request, int x, int y, const sbl_sensor *sensor,
                                      size_t texel_count) {
-    const sbl__map *m = k->map;
+    const sbl__map *m = request->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
+    sbl__check check = { &request->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
     size_t texels;
     if (!sensor) {
         sbl__mistake(&check, "sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (!finished || m->scene_version != k->core->scene.version) {
+    if (!finished || m->scene_version != request->core->scene.version) {
         check.item = SBL_LOG_ITEM_WRONG_ORDER;
         sbl__mistake(&check, "%s", !finished ? "there is no finished picture; call sbl_render_picture first" :
                      "the scene has changed since the picture was made; call sbl_render_picture again");
@@ -24925,35 +24986,35 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
                      m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
-    sbl__spec_sheet(&m->spec, &k->out.sheet_width, &k->out.sheet_height);
-    texels = (size_t)k->out.sheet_width * (size_t)k->out.sheet_height;
-    if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
+    request->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+    sbl__spec_sheet(&m->spec, &request->out.sheet_width, &request->out.sheet_height);
+    texels = (size_t)request->out.sheet_width * (size_t)request->out.sheet_height;
+    if (!sbl__refine_pixel(&m->refine, (size_t)request->pixel)->id)
         sbl__mistake(&check, "pixel %d %d shows no surface", x, y);
-    else if ((k->radiance || k->weights) && texel_count < texels)
+    else if ((request->radiance || request->weights) && texel_count < texels)
         sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count,
-                     k->out.sheet_width, k->out.sheet_height);
+                     request->out.sheet_width, request->out.sheet_height);
     return sbl__check_end(&check);
 }
 
-/* Fills in the remaining fields of k->out. */
-static void sbl__inspect_finish(sbl__inspect_request *k) {
-    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
-    const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
-    const sbl_reading *r = &k->reading;
-    sbl_sensor *out = &k->out;
+/* Fills in the remaining fields of request->out. */
+static void sbl__inspect_finish(sbl__inspect_request *request) {
+    const sbl__pixel *p = sbl__refine_pixel(&request->map->refine, (size_t)request->pixel);
+    const sbl__sensor *s = sbl__sensor_of(&request->map->refine, p);
+    const sbl_reading *r = &request->reading;
+    sbl_sensor *out = &request->out;
     int i;
-    out->backend = k->map->work.measurement.options.backend;
-    sbl__to_host(k->map->camera.centre, k->site.position, out->site.position);
-    memcpy(out->site.normal, k->site.normal, sizeof out->site.normal);
-    memcpy(out->site.geometric_normal, k->site.geometric_normal, sizeof out->site.geometric_normal);
-    out->site.offset = k->site.offset;
-    if (!sbl__all_zero(k->map->camera.centre, 3))  /* the host's position is rounded more coarsely */
-        out->site.offset = SBL__MAX(k->site.offset, SBL__OFFSET * k->core->scene.geometry.hosts_extent);
-    sbl__to_host(k->map->camera.centre, k->look.position, out->position);
-    memcpy(out->normal, k->look.normal, sizeof out->normal);
+    out->backend = request->map->work.measurement.options.backend;
+    sbl__to_host(request->map->camera.centre, request->site.position, out->site.position);
+    memcpy(out->site.normal, request->site.normal, sizeof out->site.normal);
+    memcpy(out->site.geometric_normal, request->site.geometric_normal, sizeof out->site.geometric_normal);
+    out->site.offset = request->site.offset;
+    if (!sbl__all_zero(request->map->camera.centre, 3))  /* the host's position is rounded more coarsely */
+        out->site.offset = SBL__MAX(request->site.offset, SBL__OFFSET * request->core->scene.geometry.hosts_extent);
+    sbl__to_host(request->map->camera.centre, request->look.position, out->position);
+    memcpy(out->normal, request->look.normal, sizeof out->normal);
     memcpy(out->radiance, s->sensed ? s->radiance : r->radiance, sizeof out->radiance);
-    out->noise = s->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
+    out->noise = s->sensed ? sbl__noise(&request->map->refine, p) : r->noise;
     out->looks = s->sensed ? s->looks : 1;
     for (i = 0; i < 3; i++) out->from_surroundings[i] = SBL__MAX(r->radiance[i] - out->from_lamps[i], 0.0f);
     out->back_share = r->back_share * r->hit_share;
@@ -24962,20 +25023,20 @@ static void sbl__inspect_finish(sbl__inspect_request *k) {
     out->valid = r->valid;
     out->sensed = s->sensed;
     out->level = s->level ? s->level - 1 : 0;
-    sbl__inspect_views(k);
-    out->rays = k->found->rays;
-    out->lamps = k->found->lamps;
+    sbl__inspect_views(request);
+    out->rays = request->found->rays;
+    out->lamps = request->found->lamps;
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot of this look, so that all rounding is the same. For a pixel
    without a sensor, makes the look that a sensor would take first. */
-static sbl_result sbl__inspect(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
-    sbl__inspection *f = k->found;
-    sbl__job *j = &k->found->job;
+static sbl_result sbl__inspect(sbl__inspect_request *request) {
+    sbl__core *c = request->core;
+    sbl__inspection *f = request->found;
+    sbl__job *j = &request->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
-    sbl__refine *r = &k->map->refine;
+    sbl__refine *r = &request->map->refine;
     int lamp_rays;
     sbl_result result = r->spec->guided ? sbl__guides_upload(&c->device, &r->guides) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
@@ -24984,25 +25045,25 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     f->rays = (sbl_sensor_ray *)sbl__alloc(&c->base, (size_t)(task.spec.rays + lamp_rays), sizeof *f->rays);
     f->lamps = (sbl_sensor_lamp *)sbl__alloc(&c->base, (size_t)(SBL__LAMPS + lamp_rays), sizeof *f->lamps);
     if (!f->rays || !f->lamps) return SBL_ERROR_OUT_OF_MEMORY;
-    task.sites = &k->site;
-    task.readings = &k->reading;
-    task.layers = k->layers;
+    task.sites = &request->site;
+    task.readings = &request->reading;
+    task.layers = request->layers;
     task.spec.groups = 0;  /* inspections do not report light groups */
     task.site_count = 1;
-    task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
-    sbl__tiles_look_site(r, k->pixel, 0, 1, &k->site);
-    sbl__look_make(&task.spec, &k->site, 0, &k->look);
+    task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)request->pixel))->look;
+    sbl__tiles_look_site(r, request->pixel, 0, 1, &request->site);
+    sbl__look_make(&task.spec, &request->site, 0, &request->look);
     sbl__job_begin(j, &c->scene, &task);
     do {
         result = sbl__job_step(&c->device, j, &slice);
-        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->look_kind != SBL__LOOK_SITE) continue;
         /* The look must be read now, because the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
-        result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
-        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
+        result = sbl__job_layout(j) ? sbl__inspect_sheet(request) : sbl__inspect_rays(request);
+        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(request);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     } while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS) sbl__inspect_finish(k);
+    if (result == SBL_SUCCESS) sbl__inspect_finish(request);
     return result;
 }
 
@@ -25327,7 +25388,7 @@ struct sbl_context {
     sbl__egl egl;
 };
 
-/* state that sbl__visit_enter saves for sbl__visit_leave */
+/* State that sbl__visit_enter saves for sbl__visit_leave */
 typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Marks the context as working, so that calls from callbacks are refused. Makes its own GL context current, if it has
@@ -25681,11 +25742,11 @@ SBL_API size_t sbl_lightmap_bytes(const sbl_context *c, const sbl_lightmap_desc 
 
 SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
     const sbl__geometry *g;
-    uint64_t parts[SBL__SAVED_PARTS], hash;
+    uint64_t hashes[SBL__SAVED_HASHES], hash;
     int i;
     if (!c || !c->core.has_scene) return 0;
-    sbl__saved_scene(&c->core.scene, parts);
-    hash = sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
+    sbl__saved_scene(&c->core.scene, hashes);
+    hash = sbl__hash_bytes(SBL__SAVED_SEED, hashes, sizeof hashes);
     g = &c->core.scene.geometry;
     for (i = 0; i < g->mesh_count; i++) {  /* without normal maps, the hash equals the hash of older versions */
         const sbl__object *o = &g->objects[i];
@@ -25900,7 +25961,7 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
 
 /* >>public: queries */
 
-/* functions that return a struct of the context, or all zeroes without a context */
+/* Functions that return a struct of the context, or all zeroes without a context */
 #define SBL__QUERIES(X) \
     X(sbl_context_desc, sbl_query_desc, c->core.desc) \
     X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \

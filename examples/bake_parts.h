@@ -72,22 +72,22 @@ static const char bake_letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQR
 
 /* ---- writing ---- */
 
-/* The grid of probes. All counts are 0 if the positions were given as a list. place: the origin and the spacing, as a
+/* The grid of probes. All counts are 0 if the positions were given as a list. layout: the origin and the spacing, as a
    line of the file */
-typedef struct bake_grid { int count[3]; char place[256]; } bake_grid;
+typedef struct bake_grid { int count[3]; char layout[256]; } bake_grid;
 
-/* Sets the place of the grid. The probe with the index i + count[0] * (j + count[1] * k) is at origin + (i, j, k) *
+/* Sets the layout of the grid. The probe with the index i + count[0] * (j + count[1] * k) is at origin + (i, j, k) *
    spacing, unless it was moved. lowest, highest: opposite corners of the box that the grid fills */
-static inline void bake_grid_place(bake_grid *g, const float lowest[3], const float highest[3]) {
+static inline void bake_grid_make_layout(bake_grid *g, const float lowest[3], const float highest[3]) {
     double origin[3], spacing[3];
     int k;
     for (k = 0; k < 3 && g->count[0]; k++) {
-        const double share = 0.5 / g->count[k];  /* as in sbl.h, so that the origin equals the first probe to the bit */
-        origin[k] = (double)(float)((1 - share) * (double)lowest[k] + share * (double)highest[k]);
+        const double fraction = 0.5 / g->count[k];  /* as in sbl.h, so that the origin is the first probe to the bit */
+        origin[k] = (double)(float)((1 - fraction) * (double)lowest[k] + fraction * (double)highest[k]);
         spacing[k] = ((double)highest[k] - (double)lowest[k]) / g->count[k];
     }
     if (g->count[0])
-        snprintf(g->place, sizeof g->place, "\"origin\": [%.9g, %.9g, %.9g], \"spacing\": [%.9g, %.9g, %.9g],\n",
+        snprintf(g->layout, sizeof g->layout, "\"origin\": [%.9g, %.9g, %.9g], \"spacing\": [%.9g, %.9g, %.9g],\n",
                  origin[0], origin[1], origin[2], spacing[0], spacing[1], spacing[2]);
 }
 
@@ -118,7 +118,7 @@ static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, cons
     if (facts) fprintf(out, "},\n");
     if (grid->count[0])
         fprintf(out, "%s\"grid\": [%d, %d, %d], %s", facts ? " " : "", grid->count[0], grid->count[1],
-                grid->count[2], grid->place);
+                grid->count[2], grid->layout);
     for (i = 0; bake_probes_about[i]; i++)
         fprintf(out, "%s", bake_probes_about[i] + (i == 0 && !facts && !grid->count[0]));
     for (i = 0; i < groups->count; i++) fprintf(out, "%s\"%s\"", i ? ", " : " \"groups\": [", groups->names[i]);
@@ -326,16 +326,17 @@ static inline int bake__skip_probe(const char **at, const bake_groups *groups) {
 /* Reads the line of a grid, from its first count on. Returns 1 if the line is valid and the grid has `total` probes. */
 static inline int bake__read_grid(const char *at, int total, bake_grid *grid) {
     double points = 1;
-    const char *place;
+    const char *layout;
     int i, ok = 1;
     for (i = 0; i < 3 && ok; i++) {
         ok = bake__read_count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
         points *= grid->count[i];
     }
-    place = at;
+    layout = at;
     ok = ok && points == (double)total && bake__skip_numbers(&at, "\"origin\": ", 3) &&
-         bake__skip_numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
-    if (ok) strcpy(grid->place, place);
+         bake__skip_numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 &&
+         strlen(layout) < sizeof grid->layout;
+    if (ok) strcpy(grid->layout, layout);
     return ok;
 }
 

@@ -21,7 +21,7 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of the file name of a texture; greatest number of parts of radiance */
+enum { GLTF_NAME = 32, GLTF_PARTS = 8 };  /* size of the file name of a texture; maximum number of parts of radiance */
 
 typedef struct gltf_map {
     const char *name;           /* file name of the lightmap */

@@ -301,19 +301,19 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
 /* Interpolates the ambient cubes of the eight probes around a point; only valid probes count. */
 static void room_light(const room *r, const float point[3], float cube[6][3]) {
     int cell[3], corner, i, k;
-    float share[3], all = 0;
+    float fraction[3], all = 0;
     memset(cube, 0, 6 * sizeof *cube);
     for (k = 0; k < 3; k++) {
         const float at = (point[k] - r->lowest[k]) / (r->highest[k] - r->lowest[k]) * ACROSS - 0.5f;
         cell[k] = at < 0 ? 0 : at > ACROSS - 2 ? ACROSS - 2 : (int)at;
-        share[k] = at - (float)cell[k];
-        share[k] = share[k] < 0 ? 0 : share[k] > 1 ? 1 : share[k];
+        fraction[k] = at - (float)cell[k];
+        fraction[k] = fraction[k] < 0 ? 0 : fraction[k] > 1 ? 1 : fraction[k];
     }
     for (corner = 0; corner < 8; corner++) {
         float weight = 1;
         int number = 0;
         for (k = 2; k >= 0; k--) {
-            weight *= corner >> k & 1 ? share[k] : 1 - share[k];
+            weight *= corner >> k & 1 ? fraction[k] : 1 - fraction[k];
             number = number * ACROSS + cell[k] + (corner >> k & 1);
         }
         if (!r->probes[number].valid) continue;

@@ -74,10 +74,10 @@ static int groups_assign(light_groups *g, scene_file *file, sbl_material **mater
     sbl_mesh *meshes = (sbl_mesh *)scene->meshes;
     sbl_light *lights = (sbl_light *)scene->lights;
     const int most = scene->material_count * (SBL_MAX_LIGHT_GROUPS + 1);
-    int *place = (int *)calloc((size_t)most, sizeof *place), i, k, count = scene->material_count;
+    int *known = (int *)calloc((size_t)most, sizeof *known), i, k, count = scene->material_count;
     *materials = (sbl_material *)malloc((size_t)most * sizeof **materials);
-    if (!place || !*materials) {
-        free(place);
+    if (!known || !*materials) {
+        free(known);
         snprintf(g->error, sizeof g->error, "out of memory");
         return 0;
     }
@@ -87,7 +87,7 @@ static int groups_assign(light_groups *g, scene_file *file, sbl_material **mater
         int *at;
         if (!(m->emission[0] > 0) && !(m->emission[1] > 0) && !(m->emission[2] > 0)) continue;
         k = groups__find(g, file->names[i]);
-        at = &place[meshes[i].material * (SBL_MAX_LIGHT_GROUPS + 1) + k];
+        at = &known[meshes[i].material * (SBL_MAX_LIGHT_GROUPS + 1) + k];
         if (!*at) {
             (*materials)[count] = *m;
             (*materials)[count].light_group = k;
@@ -97,7 +97,7 @@ static int groups_assign(light_groups *g, scene_file *file, sbl_material **mater
     }
     for (i = 0; i < scene->light_count; i++) lights[i].light_group = groups__find(g, file->light_names[i]);
     scene->sky_group = groups__find(g, "sky");
-    free(place);
+    free(known);
     if (g->list.count > SBL_MAX_LIGHT_GROUPS) {
         snprintf(g->error, sizeof g->error, "with the group \"rest\" there are more than %d groups",
                  SBL_MAX_LIGHT_GROUPS);

@@ -65,7 +65,7 @@ static inline int lit_size(const sbl_scene_desc *scene, int map_size, double byt
 /* The tone curve PBR Neutral, as in shaders_embedded/tone.glsl. */
 static inline void lit_tone(double c[3]) {
     const double toe = 0.08, knee = 0.76, fade = 0.15, room = 1 - knee;
-    double least = 1e8, peak = 0, shown, share;
+    double least = 1e8, peak = 0, shown, fraction;
     int k;
     for (k = 0; k < 3; k++) {
         c[k] = c[k] > 0 ? c[k] < 1e8 ? c[k] : 1e8 : 0;
@@ -77,8 +77,8 @@ static inline void lit_tone(double c[3]) {
     }
     if (peak <= knee) return;
     shown = 1 - room * room / (peak + room - knee);
-    share = 1 / (fade * (peak - shown) + 1);
-    for (k = 0; k < 3; k++) c[k] = shown + (c[k] * (shown / peak) - shown) * share;
+    fraction = 1 / (fade * (peak - shown) + 1);
+    for (k = 0; k < 3; k++) c[k] = shown + (c[k] * (shown / peak) - shown) * fraction;
 }
 
 static int lit__compare(const void *a, const void *b) {
@@ -157,17 +157,17 @@ static int lit__wrapped(int at, int size, sbl_wrap wrap) {
 /* Reads a texture with bilinear filtering. */
 static void lit__sample(const sbl_texture *t, const double uv[2], double out[4]) {
     const int size[2] = { t->width, t->height };
-    double share[2], pixel[4];
+    double fraction[2], pixel[4];
     int from[2], i, k;
     for (k = 0; k < 2; k++) {
         double at = uv[k] * size[k] - 0.5;
         if (!(at > -1e9 && at < 1e9)) at = 0;
         from[k] = (int)floor(at);
-        share[k] = at - from[k];
+        fraction[k] = at - from[k];
     }
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < 4; i++) {
-        const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
+        const double weight = (i & 1 ? fraction[0] : 1 - fraction[0]) * (i & 2 ? fraction[1] : 1 - fraction[1]);
         lit__pixel(t, lit__wrapped(from[0] + (i & 1), size[0], t->wrap),
                    lit__wrapped(from[1] + (i >> 1), size[1], t->wrap), pixel);
         for (k = 0; k < 4; k++) out[k] += weight * pixel[k];
@@ -204,7 +204,7 @@ typedef struct lit_triangle {
 
 /* Computes the barycentric coordinates of a point. inside: if 1, negative coordinates become 0, which moves a point
    outside the triangle to its edge */
-static void lit__shares(const lit_triangle *t, double x, double y, int inside, double out[3]) {
+static void lit__weights(const lit_triangle *t, double x, double y, int inside, double out[3]) {
     double sum = 0;
     int i;
     for (i = 0; i < 3; i++) {
@@ -218,10 +218,10 @@ static void lit__shares(const lit_triangle *t, double x, double y, int inside, d
 
 /* Returns the distance from a point to the triangle in texels; 0 inside. */
 static double lit__distance(const lit_triangle *t, double x, double y) {
-    double shares[3], least = 1e30;
+    double weights[3], least = 1e30;
     int i;
-    lit__shares(t, x, y, 0, shares);
-    if (shares[0] >= 0 && shares[1] >= 0 && shares[2] >= 0) return 0;
+    lit__weights(t, x, y, 0, weights);
+    if (weights[0] >= 0 && weights[1] >= 0 && weights[2] >= 0) return 0;
     for (i = 0; i < 3; i++) {
         const double *a = t->at[i], *b = t->at[(i + 1) % 3], d[2] = { b[0] - a[0], b[1] - a[1] };
         const double length = d[0] * d[0] + d[1] * d[1];
@@ -234,12 +234,12 @@ static double lit__distance(const lit_triangle *t, double x, double y) {
 }
 
 /* Interpolates n floats per vertex. */
-static void lit__mix(const lit_triangle *t, const void *data, int n, const double shares[3], double *out) {
+static void lit__mix(const lit_triangle *t, const void *data, int n, const double weights[3], double *out) {
     int i, k;
     for (k = 0; k < n; k++) out[k] = 0;
     for (i = 0; i < 3; i++)
         for (k = 0; k < n; k++)
-            out[k] += shares[i] * (double)((const float *)data)[(size_t)n * t->corners[i] + (size_t)k];
+            out[k] += weights[i] * (double)((const float *)data)[(size_t)n * t->corners[i] + (size_t)k];
 }
 
 /* Adds one sample of the surface to a sum of RGB and alpha: colour times light plus emission. */
@@ -247,14 +247,14 @@ static void lit__add(const lit_scene *l, const lit_triangle *t, double x, double
     const sbl_material *m = t->material;
     const image *atlas = &l->atlases[l->map_index];
     const double scale = (double)atlas->width / l->size;
-    double shares[3], uv[2] = { 0, 0 }, color[4] = { 1, 1, 1, 1 }, tint[4], glow[4] = { 1, 1, 1, 1 }, R[3];
+    double weights[3], uv[2] = { 0, 0 }, color[4] = { 1, 1, 1, 1 }, tint[4], glow[4] = { 1, 1, 1, 1 }, R[3];
     int k;
-    lit__shares(t, x, y, 1, shares);
-    if (t->mesh->texcoords.data) lit__mix(t, t->mesh->texcoords.data, 2, shares, uv);
+    lit__weights(t, x, y, 1, weights);
+    if (t->mesh->texcoords.data) lit__mix(t, t->mesh->texcoords.data, 2, weights, uv);
     if (m->albedo_texture) lit__sample(&l->scene->textures[m->albedo_texture - 1], uv, color);
     if (m->emission_texture) lit__sample(&l->scene->textures[m->emission_texture - 1], uv, glow);
     if (t->mesh->colors.data) {
-        lit__mix(t, t->mesh->colors.data, 4, shares, tint);
+        lit__mix(t, t->mesh->colors.data, 4, weights, tint);
         for (k = 0; k < 4; k++) color[k] *= tint[k];
     }
     lit__light(atlas, x * scale, y * scale, R);
@@ -289,8 +289,8 @@ static int lit__samples(const lit_scene *l, const lit_triangle *t) {
     int i, samples;
     for (i = 0; i < 2 && number && t->mesh->texcoords.data; i++) {
         const sbl_texture *texture = &l->scene->textures[number - 1];
-        lit__shares(t, 0, 0, 0, base);
-        lit__shares(t, i == 0, i == 1, 0, moved);
+        lit__weights(t, 0, 0, 0, base);
+        lit__weights(t, i == 0, i == 1, 0, moved);
         lit__mix(t, t->mesh->texcoords.data, 2, base, a);
         lit__mix(t, t->mesh->texcoords.data, 2, moved, b);
         across[i] = hypot((b[0] - a[0]) * texture->width, (b[1] - a[1]) * texture->height);

@@ -197,7 +197,7 @@ static int map_write_bytes(FILE *out, const image *size, int channels, map_row r
 }
 
 /* Converts values from 0 to 1 to bytes. what: an image */
-static inline void map_row_of_shares(unsigned char *to, const void *what, int y) {
+static inline void map_row_of_fractions(unsigned char *to, const void *what, int y) {
     const image *map = (const image *)what;
     const size_t count = (size_t)map->width * (size_t)map->components;
     size_t i;

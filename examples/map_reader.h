@@ -6,7 +6,7 @@
 #ifndef MAP_READER_H
 #define MAP_READER_H
 
-enum { MAP_READ_MAX = 16384 };  /* greatest width and height in pixels */
+enum { MAP_READ_MAX = 16384 };  /* maximum width and height in pixels */
 
 /* Allocates values of three components for a picture. Returns 0 if its size is not allowed or memory runs out. */
 static int map__room(image *picture) {

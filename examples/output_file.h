@@ -129,7 +129,7 @@ static inline void output_abandon(void) {
 }
 
 /* Creates a file with a new, unpredictable name in the folder of path. Returns its handle, or -1 and sets errno. The
-   name does not include the name of the target, which may already have the greatest allowed length. name: receives the
+   name does not include the name of the target, which may already have the maximum allowed length. name: receives the
    path of the new file, which the caller frees */
 static int output__create(const char *path, char **name) {
     const int folder = (int)(strrchr(path, '/') - path);

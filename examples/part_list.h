@@ -6,7 +6,7 @@
 #include <dirent.h>
 #include <stdarg.h>
 
-enum { PARTS_MAX = 10000 };  /* greatest number of parts */
+enum { PARTS_MAX = 10000 };  /* maximum number of parts */
 enum { FACTS_WORDS = 2 * PICTURE_FACT_SIZE + 512 };  /* size of a text about two facts that differ */
 
 /* The facts (picture_fact) that a kind of part has. */

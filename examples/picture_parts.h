@@ -56,8 +56,8 @@ typedef struct picture_part {
     unsigned used;        /* value of picture_parts.turn when rows were last read */
 } picture_part;
 
-enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
-enum { PARTS_ACROSS = 16384 };              /* greatest width and height of the full picture */
+enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* maximum number of open files; rows of a band */
+enum { PARTS_ACROSS = 16384 };              /* maximum width and height of the full picture */
 
 typedef struct picture_parts {
     part_list list;

@@ -128,22 +128,23 @@ static const tool_option table[OPTION_COUNT] = {
                       "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
                       "spherical harmonics 1, y, z, x, continued into the gutters" },
     [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
-             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
-             "directions in which no surface is within DISTANCE; and sky.exr and sky.png, the share of directions "
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted fraction of "
+             "directions in which no surface is within DISTANCE; and sky.exr and sky.png, the fraction of directions "
              "that see the sky. They are continued into the gutters; .png holds linear bytes. --target-error is then "
-             "absolute: 0.5% is an error of 0.005 of the share. Takes a seventh to two thirds of the time of a map in "
-             "mode gi. The map must be baked in one piece: without --part and --join, and not in windows" },
+             "absolute: 0.5% is an error of 0.005 of these fractions. This takes a seventh to two thirds of the time "
+             "of a map in mode gi. The map must be baked in one piece: without --part and --join, and not in "
+             "windows" },
     [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
                       "channels R, G, B, A are the visibility of the first four lights of the file, whose names are "
                       "printed; 1 where there is no such light. Visibility is the direct light of one light, divided "
                       "by the same light without shadows; it is 0 behind the surface and outside the cone; "
-                      "transparent surfaces (thin panes) reduce it by the share that they absorb or reflect. It is "
+                      "transparent surfaces (thin panes) reduce it by the fraction that they absorb or reflect. It is "
                       "continued into the gutters. Lights of files have no size, so that edges are hard; "
                       "--supersample smooths them. The map must be baked in one piece: without --part and --join, and "
                       "not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
-                      "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
+                      "with --lightmap: averages measurements at N x N positions in each texel, for shadows finer than "
                       "texels; default 1" },
     [FACET_LIMIT] = { "--facet-limit", "TEXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
                       "with --lightmap: triangles of at most this height in the map use geometric normals; those of "
@@ -159,7 +160,7 @@ static const tool_option table[OPTION_COUNT] = {
                        "sky. It belongs to the first group whose pattern matches its name (with * ? and [], as in a "
                        "shell). NAME without =PATTERN means NAME=NAME. A source without a matching pattern belongs to "
                        "the group rest. At most 8 groups" },
-    [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
+    [TARGET_ERROR] = { "--target-error", "E", FRACTIONS, &options.target_error, 1, 0.0001, 1,
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the "
                        "map, divided by the mean of R. Default 2%, 0.5%, 0.25% by preset; with the default, a sensor "
                        "uses at most 1024, 2048, 4096 rays. With --cubemaps: that of each face; default as for a "
@@ -195,7 +196,7 @@ static const tool_option table[OPTION_COUNT] = {
                  "convert sh to irradiance; examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-               "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
+               "maximum distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
     [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
                    "bakes the radiance from all directions at points in the air, for reflections. The points are "
                    "given as for --probes. Writes these files into the folder of --output, with NNNN from 0000 on, at "
@@ -434,7 +435,7 @@ static int assign_groups(scene_file *file) {
     return misuse("--light-groups %s: %s", options.light_groups, groups.error);
 }
 
-enum { CUBEMAPS_MAX = 10000 };  /* greatest number of cube maps */
+enum { CUBEMAPS_MAX = 10000 };  /* maximum number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 
@@ -807,7 +808,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     memset(&desc, 0, sizeof desc);
     memcpy(desc.grid, options.grid, sizeof desc.grid);
     memcpy(p.grid.count, options.grid, sizeof p.grid.count);
-    bake_grid_place(&p.grid, bounds.lowest, bounds.highest);
+    bake_grid_make_layout(&p.grid, bounds.lowest, bounds.highest);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
     p.all = (sbl_probe *)calloc((size_t)p.count * (1 + (size_t)groups.list.count) + 1, sizeof *p.all);

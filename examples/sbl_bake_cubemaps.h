@@ -13,8 +13,8 @@ enum {
 };
 
 /* Histograms of the surfaces on one side of a probe (+x -x +y -y +z -z) that are perpendicular to the axis of this
-   side, by their distance from the probe as a share of the distance to the bounds. solid: their solid angle, 1 being a
-   texel in the middle of a face; sum: the same times their coordinate on the axis. The wall of the room is where the
+   side, by their distance from the probe as a fraction of the distance to the bounds. solid: their solid angle, 1 being
+   a texel in the middle of a face; sum: the same times their coordinate on the axis. The wall of the room is where the
    surfaces fill the largest solid angle. */
 typedef struct cube_wall { double solid[CUBEMAP_BINS + 1], sum[CUBEMAP_BINS + 1]; } cube_wall;
 
@@ -166,10 +166,10 @@ static sbl_result add_walls(const cubemaps *c, const float at[3], int pixels, cu
         for (k = 0; k < 3; k++) {
             const double away = (double)p[k] - (double)at[k];
             const int side = 2 * k + (away < 0);
-            const double share = fabs(away) / cube_reach(c, at, side);
-            if (!(fabs((double)n[k]) > 0.98) || !(share > 0 && share <= 1.001)) continue;
-            walls[side].solid[(int)(share * (CUBEMAP_BINS - 1) + 0.5)] += inside;
-            walls[side].sum[(int)(share * (CUBEMAP_BINS - 1) + 0.5)] += inside * (double)p[k];
+            const double fraction = fabs(away) / cube_reach(c, at, side);
+            if (!(fabs((double)n[k]) > 0.98) || !(fraction > 0 && fraction <= 1.001)) continue;
+            walls[side].solid[(int)(fraction * (CUBEMAP_BINS - 1) + 0.5)] += inside;
+            walls[side].sum[(int)(fraction * (CUBEMAP_BINS - 1) + 0.5)] += inside * (double)p[k];
         }
     }
     free(position.values);

@@ -480,8 +480,8 @@ typedef struct map_bake {
     map_scene scene;
 } map_bake;
 
-/* Sets the range of the progress bar to the step with the index `step`. The `steps` steps divide the range between two
-   shares of the work. */
+/* Sets the range of the progress bar to the step with the index `step`. The `steps` steps divide the range from `from`
+   to `to` of the whole work. */
 static void bar_step(progress *bar, double from, double to, int step, int steps) {
     bar->from = from + (to - from) * step / steps;
     bar->to = from + (to - from) * (step + 1) / steps;

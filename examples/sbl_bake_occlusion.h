@@ -15,7 +15,7 @@ static int write_occlusion_exr(FILE *out, const void *what) {
 
 /* Writes visibilities as linear bytes, as glTF and engines expect for occlusion. */
 static int write_occlusion_png(FILE *out, const void *what) {
-    return map_write_bytes(out, (const image *)what, 1, map_row_of_shares, what, NULL, 0);
+    return map_write_bytes(out, (const image *)what, 1, map_row_of_fractions, what, NULL, 0);
 }
 
 /* Sets the scene without emission, environment map and light groups, under a sky of constant radiance. lights: the
@@ -56,8 +56,8 @@ static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *d
     if (result == SBL_SUCCESS) result = work(task->context);
     if (result == SBL_SUCCESS) result = picture_read(task->context, desc->width, desc->height, SBL_CHANNEL_FINAL, map);
     for (i = 0; i < texels && result == SBL_SUCCESS; i++) {
-        const float share = map->values[3 * i];
-        map->values[i] = share < 1 ? share : 1;
+        const float fraction = map->values[3 * i];
+        map->values[i] = fraction < 1 ? fraction : 1;
     }
     map->components = 1;
     return result;

@@ -2,7 +2,7 @@
    sbl_bake_lightmap.h includes this file after sbl_bake_occlusion.h.
 
    The visibility of a light is R from this light alone, divided by the same R without shadows. Two bakes measure both
-   at the same places of each texel, so that the quotient is also right for spot cones, at horizons and with
+   at the same positions in each texel, so that the quotient is also right for spot cones, at horizons and with
    supersampling. Gutters and seams are computed after the division, from the visibility. If they were computed from R,
    a gutter would weight the visibilities of its neighbours by their brightness, and the seams of only one R would be
    corrected. */
@@ -34,7 +34,7 @@ static int write_shadow_exr(FILE *out, const void *what) {
 
 static int write_shadow_png(FILE *out, const void *what) {
     const image *mask = &((const shadow_mask *)what)->mask;
-    return map_write_bytes(out, mask, SHADOW_LIGHTS, map_row_of_shares, mask, NULL, 0);
+    return map_write_bytes(out, mask, SHADOW_LIGHTS, map_row_of_fractions, mask, NULL, 0);
 }
 
 /* Makes the light with the index i white and switches the others off. */
@@ -72,9 +72,9 @@ static sbl_result bake_lights(shadow_mask *m, int is_open) {
         result = bake_light(m, i);
         for (t = 0; t < m->texels && result == SBL_SUCCESS; t++) {
             const float *rgb = m->light + 3 * t, sum = rgb[0] + rgb[1] + rgb[2];
-            float *share = m->mask.values + SHADOW_LIGHTS * t + i;
-            if (!is_open) *share = sum;
-            else *share = sum > 0 ? *share < sum ? *share / sum : 1 : 0;
+            float *visibility = m->mask.values + SHADOW_LIGHTS * t + i;
+            if (!is_open) *visibility = sum;
+            else *visibility = sum > 0 ? *visibility < sum ? *visibility / sum : 1 : 0;
         }
     }
     return result;
@@ -98,8 +98,8 @@ static sbl_result continue_light(shadow_mask *m, int i) {
     result = sbl_begin_windows(m->task->context, &desc);
     if (result == SBL_SUCCESS) result = work(m->task->context);
     for (t = 0; t < m->texels && result == SBL_SUCCESS; t++) {
-        const float share = m->light[3 * t];
-        m->mask.values[SHADOW_LIGHTS * t + (size_t)i] = share > 0 ? share < 1 ? share : 1 : 0;
+        const float visibility = m->light[3 * t];
+        m->mask.values[SHADOW_LIGHTS * t + (size_t)i] = visibility > 0 ? visibility < 1 ? visibility : 1 : 0;
     }
     return result;
 }

@@ -58,7 +58,7 @@ static const tool_option table[OPTION_COUNT] = {
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
                   "final             the default: the finished picture\n"
                   "radiance          R: irradiance / pi, light without surface colour\n"
-                  "albedo            surface colour; where there are reflections, that of the diffuse part\n"
+                  "albedo            surface colour; where there are reflections, that of the diffuse component\n"
                   "normal            in world space\n"
                   "position          in world space\n"
                   "id                a number for each mesh\n"
@@ -73,7 +73,7 @@ static const tool_option table[OPTION_COUNT] = {
                   "specular          mean radiance in the lobe of a reflection\n"
                   "specular_albedo   albedo of this lobe: specular times specular_albedo is a part of final",
                   channel_words },
-    [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
+    [TARGET_ERROR] = { "--target-error", "E", FRACTIONS, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided "
                        "by the mean of R. Where surfaces reflect, the error is that of final without emission. "
                        "Default by preset: 5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. If E is "
@@ -236,8 +236,7 @@ static int parse_part(void) {
     return status;
 }
 
-/* Reads the options that choose frames. With frames, --part gives each machine a share of them. Returns the exit
-   status. */
+/* Reads the options that choose frames. With frames, --part gives each machine a part. Returns the exit status. */
 static int parse_frames(void) {
     int status = frames_parse(given, &options.part);
     if (status != DONE || !frames.first) return status;

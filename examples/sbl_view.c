@@ -52,7 +52,7 @@ static const tool_option table[OPTION_COUNT] = {
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
                   "what the window shows first: final (default) | radiance | albedo | normal | position | depth | id "
                   "| sensors | store | error | specular | specular_albedo; see sbl_render --help all", channel_words },
-    [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
+    [TARGET_ERROR] = { "--target-error", "E", FRACTIONS, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02, as in sbl_render; default 5%, 1.5%, 0.75% by preset",
                        .synonym = "--error" },
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,

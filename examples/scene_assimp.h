@@ -353,11 +353,11 @@ static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
     }
 }
 
-/* Converts the glass of an OBJ file to a thin pane. A `share` of the light is transmitted and tinted by Tf; the rest is
-   reflected with the diffuse colour Kd. sbl.h has one colour for both, which becomes the sum of the two; `transmission`
-   is the transmitted share of this sum. Tf is divided by its largest component, because programs disagree about its
-   brightness; a black Tf counts as white. */
-static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *out) {
+/* Converts the glass of an OBJ file to a thin pane. The fraction `passing` of the light is transmitted and tinted by
+   Tf; the rest is reflected with the diffuse colour Kd. sbl.h has one colour for both, which becomes the sum of the
+   two; `transmission` is the transmitted fraction of this sum. Tf is divided by its largest component, because programs
+   disagree about its brightness; a black Tf counts as white. */
+static void scene__glaze(const struct aiMaterial *m, float passing, sbl_material *out) {
     struct aiColor4D color;
     float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, sum = 0;
     int k;
@@ -366,8 +366,8 @@ static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *
     }
     for (k = 0; k < 3; k++) if (filter[k] > most) most = filter[k];
     for (k = 0; k < 3; k++) {
-        const float tint = share * (most > 0 && most < 1e30f ? fmaxf(filter[k] / most, 0) : 1);
-        out->albedo[k] = (1 - share) * out->albedo[k] + tint;
+        const float tint = passing * (most > 0 && most < 1e30f ? fmaxf(filter[k] / most, 0) : 1);
+        out->albedo[k] = (1 - passing) * out->albedo[k] + tint;
         clear += tint;
         sum += out->albedo[k];
     }

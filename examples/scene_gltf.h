@@ -25,7 +25,7 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
-#define SCENE__MOST_SCALE 1000.0f  /* greatest scale of a normal map */
+#define SCENE__MOST_SCALE 1000.0f  /* maximum scale of a normal map */
 enum { SCENE__MOST_MAPS = 10000, SCENE__MOST_SIZE = 16384 };  /* number of lightmaps; their width in texels */
 
 /* The textures of a material, in the order in which the first one chooses the coordinates of all. */

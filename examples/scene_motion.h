@@ -80,9 +80,9 @@ static int scene__motion_has_all(const scene__motion *m, const struct aiAnimatio
 }
 
 /* Returns the weight of the second of two keys at a time, from 0 to 1. */
-static double scene__share(double time, double first, double second) {
-    const double share = second > first ? (time - first) / (second - first) : 1;
-    return share > 0 ? share < 1 ? share : 1 : 0;
+static double scene__fraction(double time, double first, double second) {
+    const double fraction = second > first ? (time - first) / (second - first) : 1;
+    return fraction > 0 ? fraction < 1 ? fraction : 1 : 0;
 }
 
 /* Returns the index of the last key that is not later than a time, or 0 if all are later. A key begins with its time.
@@ -103,12 +103,12 @@ static unsigned scene__key_at(const void *keys, size_t size, unsigned count, dou
 static struct aiVector3D scene__vector_at(const struct aiVectorKey *keys, unsigned count, double time, int steps) {
     const unsigned low = scene__key_at(keys, sizeof *keys, count, time);
     struct aiVector3D v = keys[low].mValue;
-    double share;
+    double fraction;
     if (steps || low + 1 == count) return v;
-    share = scene__share(time, keys[low].mTime, keys[low + 1].mTime);
-    v.x += (ai_real)(share * (double)(keys[low + 1].mValue.x - v.x));
-    v.y += (ai_real)(share * (double)(keys[low + 1].mValue.y - v.y));
-    v.z += (ai_real)(share * (double)(keys[low + 1].mValue.z - v.z));
+    fraction = scene__fraction(time, keys[low].mTime, keys[low + 1].mTime);
+    v.x += (ai_real)(fraction * (double)(keys[low + 1].mValue.x - v.x));
+    v.y += (ai_real)(fraction * (double)(keys[low + 1].mValue.y - v.y));
+    v.z += (ai_real)(fraction * (double)(keys[low + 1].mValue.z - v.z));
     return v;
 }
 
@@ -116,17 +116,17 @@ static struct aiVector3D scene__vector_at(const struct aiVectorKey *keys, unsign
 static void scene__rotation_at(const struct aiNodeAnim *c, double time, int steps, double out[4]) {
     const struct aiQuatKey *keys = c->mRotationKeys;
     const unsigned low = scene__key_at(keys, sizeof *keys, c->mNumRotationKeys, time);
-    double share, cosine = 0, angle, weights[2], next[4];
+    double fraction, cosine = 0, angle, weights[2], next[4];
     int k;
     out[0] = keys[low].mValue.w; out[1] = keys[low].mValue.x; out[2] = keys[low].mValue.y; out[3] = keys[low].mValue.z;
     if (steps || low + 1 == c->mNumRotationKeys) return;
     next[0] = keys[low + 1].mValue.w; next[1] = keys[low + 1].mValue.x;
     next[2] = keys[low + 1].mValue.y; next[3] = keys[low + 1].mValue.z;
-    share = scene__share(time, keys[low].mTime, keys[low + 1].mTime);
+    fraction = scene__fraction(time, keys[low].mTime, keys[low + 1].mTime);
     for (k = 0; k < 4; k++) cosine += out[k] * next[k];
     angle = fabs(cosine) < 0.99999 ? acos(fabs(cosine)) : 0;
-    weights[0] = angle > 0 ? sin((1 - share) * angle) / sin(angle) : 1 - share;
-    weights[1] = angle > 0 ? sin(share * angle) / sin(angle) : share;
+    weights[0] = angle > 0 ? sin((1 - fraction) * angle) / sin(angle) : 1 - fraction;
+    weights[1] = angle > 0 ? sin(fraction * angle) / sin(angle) : fraction;
     for (k = 0; k < 4; k++) out[k] = weights[0] * out[k] + (cosine < 0 ? -weights[1] : weights[1]) * next[k];
 }
 

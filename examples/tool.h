@@ -119,7 +119,7 @@ static inline void detail(const char *format, ...) {
 typedef struct progress {
     int shown;
     double start, last;
-    double from, to;  /* the current work moves the bar from this share to that; both 0: the complete bar */
+    double from, to;  /* the current work moves the bar from this fraction to that one; both 0: the complete bar */
 } progress;
 
 static inline int on_progress(float done, void *user) {

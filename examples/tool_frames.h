@@ -20,7 +20,8 @@
   #include <cjson/cJSON.h>
 #endif
 
-enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest frame number; most bytes in a file of --cameras */
+/* maximum frame number; maximum number of bytes of a file of --cameras */
+enum { FRAMES_MAX = 100000, FRAMES_BYTES = 16 << 20 };
 
 /* A camera of the file of --cameras. The fields are the values of the options --eye, --look-at, --up and --fov. */
 typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
@@ -43,13 +44,13 @@ enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
                         "makes a picture for each camera that FILE lists. FILE is JSON: {\"cameras\": [{\"eye\": " \
                         "[X, Y, Z], \"look_at\": [X, Y, Z], \"up\": [X, Y, Z], \"fov\": DEGREES}, ...]}. If up or " \
                         "fov is missing, --up or --fov applies, or its default. \"camera_to_world\": [16 numbers, " \
-                        "column by column, as in glTF] may take the place of eye, look_at and up. The --output " \
+                        "column by column, as in glTF] may replace eye, look_at and up. The --output " \
                         "needs %d or %04d, which becomes the number of the frame; the first camera is frame 1. All " \
                         "frames use the automatic exposure and the studio light of frame 1", NULL, NULL }, \
     [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \
                         "makes only frames A to B, or frame A. The cameras come from --cameras, or from the " \
                         "animated camera of a .gltf or .glb file (LINEAR or STEP keys); frame 1 is at time 0. Only " \
-                        "the camera moves. With --part K/N, a run makes the K-th of N shares of the frames. --stats " \
+                        "the camera moves. With --part K/N, a run makes the K-th of N parts of the frames. --stats " \
                         "writes the sums over all frames. After Ctrl-C, finished frames stay, and the unfinished " \
                         "one is not saved. --resume continues the unfinished windows of a frame; it refuses a frame " \
                         "that already has its output file and no folder of windows", NULL, NULL }, \
@@ -261,7 +262,7 @@ static int frames__read_range(void) {
     return DONE;
 }
 
-/* Reduces the frames of this run to the K-th of N shares. Returns the exit status. */
+/* Reduces the frames of this run to the K-th of N parts. Returns the exit status. */
 static int frames__share(part_choice *part) {
     const int first = frames.first, all = frames.last - frames.first + 1;
     const int status = plan_part(part);

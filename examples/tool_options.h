@@ -14,7 +14,7 @@ typedef enum option_kind {
     TEXT,             /* value is a const char * */
     CHOICE,           /* value is an int, the index in words */
     INTEGERS, SIZES,  /* count ints, separated by commas; SIZES: separated by x */
-    NUMBERS, SHARES,  /* count doubles, separated by commas; SHARES: 2% means 0.02 */
+    NUMBERS, FRACTIONS,  /* count doubles, separated by commas; FRACTIONS: 2% means 0.02 */
     NUMBERS_OR_FILE,  /* count doubles, or a file name, which is stored in file; the last use of the option counts */
     LIST,             /* up to count const char *, one for each use of the option */
     BYTES             /* value is a size_t, such as 512M */
@@ -53,7 +53,7 @@ typedef struct tool_command {
     int option_count;
     int *given;                 /* one per option; receives 1 if the option is given */
     const char **files;         /* receives the arguments that are not options */
-    int file_count;             /* greatest number of arguments in files */
+    int file_count;             /* maximum number of arguments in files */
 } tool_command;
 
 /* Returns in which column a wrapped line of a text continues: in a list, where the explanation of the item begins,
@@ -147,7 +147,7 @@ static int tool__numbers(const tool_option *o, const char *text) {
             numbers[i] = strtod(text, &end);
             if (end == text) return 0;
             text = end;
-            if (o->kind == SHARES && *text == '%') { numbers[i] /= 100; text++; }
+            if (o->kind == FRACTIONS && *text == '%') { numbers[i] /= 100; text++; }
         }
         if (!(numbers[i] >= o->low && numbers[i] <= o->high)) return 0;
     }
@@ -222,12 +222,12 @@ static inline void tool_value(const tool_option *o, char *out, size_t size) {
 /* Describes the numbers of an option, such as "three numbers X,Y,Z from -1 to 1". */
 static void tool__describe_numbers(const tool_option *o, char *out, size_t size) {
     static const char *const counts[TOOL_NUMBERS] = { "a", "two", "three", "four" };
-    const char *sign = o->kind == SHARES ? "%" : "", *whole = tool__is_whole(o) ? "whole " : "";
-    const double unit = o->kind == SHARES ? 100 : 1;
+    const char *sign = o->kind == FRACTIONS ? "%" : "", *whole = tool__is_whole(o) ? "whole " : "";
+    const double unit = o->kind == FRACTIONS ? 100 : 1;
     const int shape = (int)strcspn(o->argument, "|");
     char low[32], high[32], what[96];
     if (o->kind == SIZES) snprintf(what, sizeof what, "%.*s with whole numbers", shape, o->argument);
-    else if (o->kind == SHARES) snprintf(what, sizeof what, "a share, such as 2%% or 0.02,");
+    else if (o->kind == FRACTIONS) snprintf(what, sizeof what, "a fraction, such as 2%% or 0.02,");
     else if (o->count == 1) snprintf(what, sizeof what, "a %snumber", whole);
     else snprintf(what, sizeof what, "%s %snumbers %.*s", counts[o->count - 1], whole, shape, o->argument);
     snprintf(out, size, "%s%s%s from %s%s to %s%s%s%s", o->words ? o->words[0] : "", o->words ? " or " : "", what,

@@ -22,8 +22,9 @@ typedef struct plan_cost { int width, height; double *sums; } plan_cost;
 #define PLAN_BASE_PICTURE 0.02
 #define PLAN_BASE_LIGHTMAP 0.4
 
-/* Computes the sums. Returns 0 if memory runs out. work: SBL_CHANNEL_WORK of the small version; share: PLAN_BASE_... */
-static int plan_cost_make(plan_cost *c, const image *work, double share) {
+/* Computes the sums. Returns 0 if memory runs out. work: SBL_CHANNEL_WORK of the small version; fraction:
+   PLAN_BASE_... */
+static int plan_cost_make(plan_cost *c, const image *work, double fraction) {
     const size_t across = (size_t)work->width + 1;
     double base = 0;
     int x, y;
@@ -32,7 +33,7 @@ static int plan_cost_make(plan_cost *c, const image *work, double share) {
     c->sums = (double *)calloc(across * ((size_t)work->height + 1), sizeof *c->sums);
     if (!c->sums) return 0;
     for (x = 0; x < work->width * work->height; x++) base += (double)work->values[x];
-    base = share * base / work->width / work->height + 1e-9;
+    base = fraction * base / work->width / work->height + 1e-9;
     for (y = 0; y < work->height; y++)
         for (x = 0; x < work->width; x++) {
             double *sum = &c->sums[(size_t)y * across + (size_t)x];
@@ -41,7 +42,7 @@ static int plan_cost_make(plan_cost *c, const image *work, double share) {
     return 1;
 }
 
-/* Returns the cost of the area above and left of a point. x, y: shares of the width and height of the picture */
+/* Returns the cost of the area above and left of a point. x, y: fractions of the width and height of the picture */
 static double plan__cost_before(const plan_cost *c, double x, double y) {
     const double px = fmin(fmax(x, 0), 1) * c->width, py = fmin(fmax(y, 0), 1) * c->height;
     const int ix = (int)fmin(px, c->width - 1), iy = (int)fmin(py, c->height - 1);
@@ -81,7 +82,7 @@ static void plan_free(plan *p) {
    and both parts have enough pixels for their windows. Returns the size of the first part along the axis, or 0 if no
    cut is possible. counts: number of windows in each part */
 static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int axis, const int counts[2]) {
-    const double share = (double)counts[0] / (counts[0] + counts[1]);
+    const double fraction = (double)counts[0] / (counts[0] + counts[1]);
     const int step = w[2 + axis] >= 2 * PLAN_TILE ? PLAN_TILE : 1, other = w[3 - axis];
     double least = 2;
     int at, best = 0;
@@ -96,7 +97,7 @@ static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int 
         parts[1][2 + axis] -= at;
         costs[0] = plan__cost(c, size, parts[0]);
         costs[1] = plan__cost(c, size, parts[1]);
-        off = fabs(costs[0] / (costs[0] + costs[1]) - share);
+        off = fabs(costs[0] / (costs[0] + costs[1]) - fraction);
         if (off < least) { least = off; best = at; }
     }
     return best;

@@ -187,7 +187,7 @@ enum {
                                    "256 by preset. For probes: the rays of a probe, in all directions, at least 64; " \
                                    "default 1024, 4096, 16384 by preset"), NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
-                        "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
+                        "maximum number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
                         "memory. Default: 1.5 per triangle, limited to 49152..196608. Use more if light comes " \
                         "through gaps, or if geometry is fine. --bounce-samples is a synonym", \
                         .synonym = "--bounce-samples" }, \

@@ -2,9 +2,9 @@
    view from inside, or a room with one open side. Include after tool.h.
 
    The survey uses readings of sbl.h (sbl_readings_desc). At the points of a grid over the bounds, and from outside,
-   they tell which share of the directions sees the sky, and which share sees back faces. Light is used only to decide
-   whether the outside is dark, and to reduce the rating of views of dark parts of a room. A survey traces about 37,000
-   rays, and for a room 14,000 to 28,000 more. The picture reuses the hierarchy that is built for them. */
+   they tell which fractions of the directions see the sky and back faces. Light is used only to decide whether the
+   outside is dark, and to reduce the rating of views of dark parts of a room. A survey traces about 37,000 rays, and
+   for a room 14,000 to 28,000 more. The picture reuses the hierarchy that is built for them. */
 #ifndef TOOL_SURVEY_H
 #define TOOL_SURVEY_H
 
@@ -41,14 +41,14 @@ enum {
 /* Thresholds that separate the cases. Real scenes differ from them by a wide margin on both sides. */
 #define SURVEY__SOLID 0.25     /* a point that sees more back faces is inside a solid, as for sbl_probe.valid */
 #define SURVEY__ENCLOSED 0.35  /* a point that sees less sky is in a room; in the open, half is sky */
-#define SURVEY__OPEN 0.6       /* a side is open if at least this share of the directions through it sees the sky */
-#define SURVEY__SHUT 0.4       /* a side is closed if at most this share sees the sky, as for walls with windows */
-#define SURVEY__OUTWARD 0.25   /* from outside, an object shows at most this share of back faces */
-#define SURVEY__INWARD 0.6     /* from outside, a room of single faces shows at least this share of back faces */
+#define SURVEY__OPEN 0.6       /* a side is open if at least this fraction of the directions through it sees the sky */
+#define SURVEY__SHUT 0.4       /* a side is closed if at most this fraction sees the sky, as for walls with windows */
+#define SURVEY__OUTWARD 0.25   /* from outside, an object shows at most this fraction of back faces */
+#define SURVEY__INWARD 0.6     /* from outside, a room of single faces shows at least this fraction of back faces */
 #define SURVEY__DARK 0.02      /* the outside is dark if it receives at most this fraction of the light in the rooms */
 
 typedef struct survey__point {
-    double position[3], sky, back;  /* sky, back: shares of all directions that see the sky and back faces */
+    double position[3], sky, back;  /* sky, back: fractions of all directions that see the sky and back faces */
     double light, near;             /* mean R; distance to the nearest surface */
 } survey__point;
 
@@ -59,8 +59,8 @@ typedef struct survey__work {
     sbl_reading readings[SURVEY__SITES];
     int count;                                 /* number of sites */
     survey__point points[SURVEY__POINTS];
-    double openness[SURVEY__AXES];             /* share of sky seen through each side */
-    double outside[SURVEY__OUTSIDE];           /* share of back faces seen from each outside direction */
+    double openness[SURVEY__AXES];             /* fraction of sky seen through each side */
+    double outside[SURVEY__OUTSIDE];           /* fraction of back faces seen from each outside direction */
     double inside_light, outside_light;        /* mean R in the air of rooms; mean R at the outside of the bounds */
 } survey__work;
 
@@ -131,7 +131,7 @@ static void survey__axis(int side, double out[3]) {
 }
 
 /* Returns the index of a grid point along axis k. across: receives the number of grid points along this axis */
-static int survey__place(int point, int k, int *across) {
+static int survey__index(int point, int k, int *across) {
     *across = k == 0 ? SURVEY__X : k == 1 ? SURVEY__Y : SURVEY__Z;
     return k == 0 ? point % SURVEY__X : k == 1 ? point / SURVEY__X % SURVEY__Y : point / (SURVEY__X * SURVEY__Y);
 }
@@ -144,8 +144,8 @@ static void survey__sites(survey__work *w) {
     int i, k, side, across;
     for (i = 0; i < SURVEY__POINTS; i++) {
         for (k = 0; k < 3; k++) {
-            const double place = survey__place(i, k, &across) + 0.5;
-            at[k] = w->points[i].position[k] = (double)s->bounds.lowest[k] + survey__size(s, k) * place / across;
+            const double cell = survey__index(i, k, &across) + 0.5;
+            at[k] = w->points[i].position[k] = (double)s->bounds.lowest[k] + survey__size(s, k) * cell / across;
         }
         for (side = 0; side < SURVEY__AXES; side++) {
             survey__axis(side, axis);
@@ -180,13 +180,13 @@ static void survey__sum(survey__work *w) {
     for (i = 0; i < SURVEY__POINTS; i++) {
         survey__point *p = &w->points[i];
         for (side = 0; side < SURVEY__AXES; side++, r++) {
-            const int place = survey__place(i, side / 2, &across);
+            const int cell = survey__index(i, side / 2, &across);
             const double near = r->hit_share > 0 ? (double)r->hit_min : 2 * survey__radius(w->result);
             p->sky += survey__sky(r) / SURVEY__AXES;
             p->back += survey__back(r) / SURVEY__AXES;
             p->light += survey__light(r) / SURVEY__AXES;
             p->near = side == 0 || near < p->near ? near : p->near;
-            if (place == (side % 2 ? 0 : across - 1))
+            if (cell == (side % 2 ? 0 : across - 1))
                 w->openness[side] += survey__sky(r) * across / SURVEY__POINTS;
         }
     }
@@ -203,7 +203,7 @@ static void survey__sum(survey__work *w) {
 
 /* ---- classifying the scene ---- */
 
-/* Returns the mean share of back faces seen from outside. */
+/* Returns the mean fraction of back faces seen from outside. */
 static double survey__inwardness(const survey__work *w) {
     double sum = 0;
     int i;
@@ -244,7 +244,7 @@ static int survey__open_side(const survey__work *w) {
     return open;
 }
 
-/* Returns the share of back faces seen from around the outside direction with the index i. */
+/* Returns the fraction of back faces seen from around the outside direction with the index i. */
 static double survey__backs(const survey__work *w, int i) {
     const int ring = i / SURVEY__AROUND * SURVEY__AROUND, left = (i + 1) % SURVEY__AROUND;
     const int right = (i + SURVEY__AROUND - 1) % SURVEY__AROUND;
@@ -253,8 +253,8 @@ static double survey__backs(const survey__work *w, int i) {
 
 /* Chooses the direction that shows the front of an object: the first direction, unless it shows mostly back faces, like
    a corner of two walls, and another shows less than half as many. Among several such directions, a later one replaces
-   an earlier one only if its share of back faces is lower by more than 0.1. The order is: from behind, from both sides
-   alternately, and then the same at the higher elevation. */
+   an earlier one only if its fraction of back faces is lower by more than 0.1. The order is: from behind, from both
+   sides alternately, and then the same at the higher elevation. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;
     for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++) {
@@ -282,10 +282,10 @@ static survey_kind survey__decide(survey__work *w) {
 
 /* ---- choosing the position in a room ---- */
 
-/* Returns 1 if a point is in a room, at half the height of the room at this place. */
+/* Returns 1 if a point is in a room, at half the height that the room has there. */
 static int survey__at_eye_height(const survey__work *w, int point) {
     int low = point, high = point, across;
-    const int y = survey__place(point, 1, &across), lowest = point - y * SURVEY__X;
+    const int y = survey__index(point, 1, &across), lowest = point - y * SURVEY__X;
     if (!survey__in_room(w, &w->points[point])) return 0;
     while (low > lowest && survey__in_room(w, &w->points[low - SURVEY__X])) low -= SURVEY__X;
     while (high < lowest + (across - 1) * SURVEY__X && survey__in_room(w, &w->points[high + SURVEY__X]))
@@ -356,7 +356,7 @@ static void survey__choose_middle(survey__work *w) {
     for (i = 0; i < SURVEY__POINTS; i++) {
         const survey__point *p = &w->points[i];
         const double away = sqrt(pow(p->position[0] - aim[0], 2) + pow(p->position[2] - aim[2], 2));
-        const double height = (survey__place(i, 1, &across) + 0.5) / SURVEY__Y;
+        const double height = (survey__index(i, 1, &across) + 0.5) / SURVEY__Y;
         const double score = (1 - fabs(height - 0.7)) * p->near / (p->near + away + 1e-6 * survey__radius(s));
         if (!survey__in_room(w, p) || score <= best) continue;
         best = score;

@@ -213,15 +213,15 @@ static int windows__is_finished(const windows *w, const char *name, const int wi
     return ok;
 }
 
-/* Returns the root mean square of two errors. share: the share of the pixels that have the second error */
-static float joint_error(float a, float b, double share) {
-    return (float)sqrt((1 - share) * (double)a * (double)a + share * (double)b * (double)b);
+/* Returns the root mean square of two errors. fraction: that of the pixels that have the second error */
+static float joint_error(float a, float b, double fraction) {
+    return (float)sqrt((1 - fraction) * (double)a * (double)a + fraction * (double)b * (double)b);
 }
 
 /* Adds the statistics of a window to the sum over earlier windows. */
 static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
-    const double share = before + own > 0 ? own / (before + own) : 1;
+    const double fraction = before + own > 0 ? own / (before + own) : 1;
     const sbl_stats old = *sum;
     int i;
     *sum = *s;
@@ -232,10 +232,10 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     sum->sensors.rays += old.sensors.rays;
     sum->store.rays += old.store.rays;
     sum->picture.visible_pixels += old.picture.visible_pixels;
-    sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, share);
-    sum->picture.radiance_error = joint_error(old.picture.radiance_error, s->picture.radiance_error, share);
-    sum->picture.specular_error = joint_error(old.picture.specular_error, s->picture.specular_error, share);
-    sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, share);
+    sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, fraction);
+    sum->picture.radiance_error = joint_error(old.picture.radiance_error, s->picture.radiance_error, fraction);
+    sum->picture.specular_error = joint_error(old.picture.specular_error, s->picture.specular_error, fraction);
+    sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, fraction);
     if (old.picture.level_count > s->picture.level_count) sum->picture.level_count = old.picture.level_count;
     for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;
     sum->seconds.surface += old.seconds.surface;
@@ -250,7 +250,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
 
 /* Makes the windows that are not finished yet. Returns the exit status. */
 static int windows_make(windows *w) {
-    const double from = w->bar->from, share = (w->bar->to > 0 ? w->bar->to : 1) - from;
+    const double from = w->bar->from, range = (w->bar->to > 0 ? w->bar->to : 1) - from;
     char name[PATH_MAX + 300];
     int i, written, finished = 0, status = DONE;
     for (i = 0; i < w->work.count && status == DONE; i++) {
@@ -259,8 +259,8 @@ static int windows_make(windows *w) {
         sbl_result result;
         snprintf(name, sizeof name, "%s", plan_window_file(&w->folder, i));
         if (windows__is_finished(w, name, one)) { finished++; continue; }
-        w->bar->from = from + share * i / w->work.count;
-        w->bar->to = from + share * (i + 1.0) / w->work.count;
+        w->bar->from = from + range * i / w->work.count;
+        w->bar->to = from + range * (i + 1.0) / w->work.count;
         result = w->make(w->user, one);
         written = result == SBL_SUCCESS && !interrupted && windows__write(name, w->write, w->user);
         if (result == SBL_UNFINISHED || (interrupted && !written))

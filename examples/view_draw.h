@@ -67,17 +67,17 @@ static const char view_fragment[] =
     "}\n";
 
 static const char view_line_vertex[] =  /* only w is clipped, because lines have no depth */
-    "in vec4 place;\n"
+    "in vec4 position;\n"
     "in vec4 ink;\n"
     "out vec4 paint;\n"
-    "void main() { paint = ink; gl_Position = vec4(place.xy, 0.0, place.w); }\n";
+    "void main() { paint = ink; gl_Position = vec4(position.xy, 0.0, position.w); }\n";
 static const char view_line_fragment[] =
     "in vec4 paint;\n"
     "out vec4 color;\n"
     "void main() { color = paint; }\n";
 
 /* An end point of a line: its position in clip space (y is up) and its colour. */
-typedef struct view_corner { float place[4], color[4]; } view_corner;
+typedef struct view_corner { float position[4], color[4]; } view_corner;
 
 static struct view_gl {
     GLuint tone, show, line;                           /* programs */
@@ -85,7 +85,7 @@ static struct view_gl {
     GLuint frame, colors, disc;                        /* textures */
     int size[2];                                       /* size of the frame; 0 if there is none yet */
     int shows_colors;                                  /* 1: the window shows `colors` instead of `frame` */
-    GLint place, ink;
+    GLint position, ink;
 } view_gl;
 
 static GLuint view_texture(void) {
@@ -104,7 +104,7 @@ static int view_gl_start(void) {
     view_gl.show = host_gl_program(TOOL_NAME, "", view_vertex, view_fragment);
     view_gl.line = host_gl_program(TOOL_NAME, "", view_line_vertex, view_line_fragment);
     if (!view_gl.tone || !view_gl.show || !view_gl.line) return 0;
-    view_gl.place = gl.GetAttribLocation(view_gl.line, "place");
+    view_gl.position = gl.GetAttribLocation(view_gl.line, "position");
     view_gl.ink = gl.GetAttribLocation(view_gl.line, "ink");
     gl.GenVertexArrays(1, &view_gl.array);
     gl.BindVertexArray(view_gl.array);
@@ -202,9 +202,9 @@ static void view_draw_lines(const view_corner *corners, int count, const int siz
     gl.UseProgram(view_gl.line);
     gl.BindBuffer(GL_ARRAY_BUFFER, view_gl.lines);
     gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)((size_t)count * sizeof *corners), corners, GL_STREAM_DRAW);
-    gl.EnableVertexAttribArray((GLuint)view_gl.place);
+    gl.EnableVertexAttribArray((GLuint)view_gl.position);
     gl.EnableVertexAttribArray((GLuint)view_gl.ink);
-    gl.VertexAttribPointer((GLuint)view_gl.place, 4, GL_FLOAT, GL_FALSE, sizeof *corners, NULL);
+    gl.VertexAttribPointer((GLuint)view_gl.position, 4, GL_FLOAT, GL_FALSE, sizeof *corners, NULL);
     gl.VertexAttribPointer((GLuint)view_gl.ink, 4, GL_FLOAT, GL_FALSE, sizeof *corners,
                            (const char *)NULL + offsetof(view_corner, color));
     gl.Enable(GL_BLEND);

@@ -21,7 +21,7 @@ static void pixel_at(const double mouse[2], int out[2]) {
 
 /* ---- moving lights ---- */
 
-/* Moves the selected light by a number of pixels to the right and up, and away from the camera by a share of the
+/* Moves the selected light by a number of pixels to the right and up, and away from the camera by a fraction of the
    distance. */
 static void move_light(double right, double up, double away) {
     const view_axes a = view_axes_of(&view.camera);

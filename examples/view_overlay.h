@@ -18,8 +18,8 @@ static struct overlay {
 static void overlay__line(const double from[3], const double to[3], const float color[4]) {
     view_corner *c = &overlay.corners[overlay.count];
     if (overlay.count + 2 > 2 * OVERLAY_LINES) return;
-    view_project(overlay.world_to_view, overlay.view_to_clip, from, c[0].place);
-    view_project(overlay.world_to_view, overlay.view_to_clip, to, c[1].place);
+    view_project(overlay.world_to_view, overlay.view_to_clip, from, c[0].position);
+    view_project(overlay.world_to_view, overlay.view_to_clip, to, c[1].position);
     memcpy(c[0].color, color, sizeof c->color);
     memcpy(c[1].color, color, sizeof c->color);
     overlay.count += 2;

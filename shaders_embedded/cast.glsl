@@ -5,8 +5,8 @@
 SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
-// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that go
-// on, see trace.glsl
+// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that
+// continue, see trace.glsl
 #ifdef SBL_COMPUTE
 #define sbl_write_ray(name, ray, value) imageStore(name, ivec2((ray) % columns, (ray) / columns), value)
 #else
@@ -18,14 +18,14 @@ SBL_OUT(2, out_metal_light);
 #ifdef SBL_GROUPS
 // out_metal_light.rgb is the sum of the light of a lamp and of the light that the last segment of the ray finds.
 // rgb: the light that the last segment finds; a: layer of this light + SBL_CAST_LAYERS * layer of the lamp's light
-SBL_OUT(3, out_parts);
+SBL_OUT(3, out_last_light);
 #endif
-vec4 parts;
+vec4 last_light;
 uniform int sky_layer;
 
 // Continues a ray that has hit metal by one segment, as sensors do. Updates hit, origin, direction and
 // throughput to this segment. Returns the light of lamps and of the sky.
-vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,
+vec3 sbl_continue_ray(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction,
                inout vec3 throughput, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
     sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);
@@ -35,20 +35,20 @@ vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inou
     direction = next.direction;
     hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);
     throughput *= next.throughput * sbl_tint;
-    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
+    last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
     if (hit.triangle < 0) {
-        parts.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
-        return light + parts.rgb;
+        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
+        return light + last_light.rgb;
     }
     lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));
     int object = int(sbl_triangle_object(hit.triangle));
-    parts.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
-    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
-    return light + parts.rgb;
+    last_light.rgb = throughput * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
+    last_light.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
+    return light + last_light.rgb;
 }
 #endif
 
-// Traces the first segment of a ray. Returns true if the ray goes on from metal.
+// Traces the first segment of a ray. Returns true if the ray continues from metal.
 bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction) {
     origin = sbl_cast_origin(ray);
     direction = sbl_cast_direction(ray);
@@ -87,19 +87,19 @@ void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
 
 #ifdef SBL_BOUNCED
 // Writes the light that a ray has found after it hit metal.
-void sbl_cast_write_metal_light(int ray, vec4 shine) {
-    sbl_write_ray(out_metal_light, ray, shine);
+void sbl_cast_write_metal_light(int ray, vec4 light) {
+    sbl_write_ray(out_metal_light, ray, light);
 #ifdef SBL_GROUPS
-    sbl_write_ray(out_parts, ray, parts);
+    sbl_write_ray(out_last_light, ray, last_light);
 #endif
 }
 
 // Continues a ray that has hit metal, and writes the light that it finds.
-void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
+void sbl_cast_continue(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 throughput) {
     sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
     uint hash = sbl_cast_fractions(ray) * SBL_HASH_FACTOR;
     hit_continues = true;
-    sbl_cast_write_metal_light(ray, vec4(sbl_go_on(hit, material, origin, direction, throughput, hash), 1));
+    sbl_cast_write_metal_light(ray, vec4(sbl_continue_ray(hit, material, origin, direction, throughput, hash), 1));
     // A ray that hits nothing has got the sky's light above. Its out_position is its origin, not far away, so that
     // the sky's light is not added again.
     sbl_cast_write(ray, hit, origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance), throughput);
@@ -107,10 +107,10 @@ void sbl_cast_on(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 through
 #endif
 
 #ifdef SBL_POOLED
-shared int pool_count;                  // number of rays in the pool
-shared vec4 pool_ways[SBL_CAST_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
-shared vec4 pool_tints[SBL_CAST_POOL];  // rgb: throughput; a: sbl_Hit.b2
-shared ivec2 pool_hits[SBL_CAST_POOL];  // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
+shared int pool_count;                       // number of rays in the pool
+shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
+shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2
+shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
 
 void main() {
     int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;
@@ -120,10 +120,10 @@ void main() {
     for (int ray = first + mine; ray < min(first + SBL_CAST_POOL, count); ray += SBL_LOCKSTEP) {
         sbl_Hit hit;
         vec3 origin, direction;
-        bool goes_on = sbl_cast_ray(ray, hit, origin, direction);
-        if (goes_on) {
+        bool continues = sbl_cast_ray(ray, hit, origin, direction);
+        if (continues) {
             int at = atomicAdd(pool_count, 1);
-            pool_ways[at] = vec4(direction, hit.b1);
+            pool_directions[at] = vec4(direction, hit.b1);
             pool_tints[at] = vec4(sbl_tint, hit.b2);
             pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
         } else {
@@ -136,9 +136,9 @@ void main() {
     int filled = pool_count;
     for (int at = mine; at < filled; at += SBL_LOCKSTEP) {
         int triangle = pool_hits[at].x >> 1;
-        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w, pool_tints[at].w,
-                              (pool_hits[at].x & 1) != 0);
-        sbl_cast_on(pool_hits[at].y, hit, vec3(0), pool_ways[at].xyz, pool_tints[at].rgb);
+        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,
+                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);
+        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);
     }
 }
 #else
@@ -148,12 +148,13 @@ void main() {
     if (ray >= count) sbl_leave;
     sbl_Hit hit;
     vec3 origin, direction;
-    bool goes_on = sbl_cast_ray(ray, hit, origin, direction);
+    bool continues = sbl_cast_ray(ray, hit, origin, direction);
     sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
 #ifdef SBL_BOUNCED
-    parts = vec4(0);
+    last_light = vec4(0);
     sbl_cast_write_metal_light(ray, vec4(0));
-    for (int once = 0; once < (goes_on ? 1 : 0); once++) sbl_cast_on(ray, hit, origin, direction, sbl_tint);
+    for (int once = 0; once < (continues ? 1 : 0); once++)
+        sbl_cast_continue(ray, hit, origin, direction, sbl_tint);
 #endif
 }
 #endif

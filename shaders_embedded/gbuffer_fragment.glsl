@@ -66,7 +66,7 @@ uniform bool draws_sample;              // true: the pass draws an anti-aliasing
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
-const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces that shine
+const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal
 const int SBL_ASIDE_HITS = 8;           // at most this many surfaces reflect the ray `aside` or let it pass
 const float SBL_ASIDE_ROUGH = 0.5;      // rougher surfaces do not reflect the ray `aside`; it ends there
 const int SBL_MIRRORS = 8;              // a pixel shows surfaces by way of at most this many mirrors
@@ -138,16 +138,16 @@ bool sbl_is_mirror(sbl_Material m) {
 }
 
 // Returns the direction in which the surface s mirrors a ray, bent upwards if the interpolated normal would lead
-// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets share to the fraction of
-// light that is reflected. point: uniform point in the unit square from which the direction is sampled
-vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 share) {
+// it into the surface. If the mirror blurs, samples the direction from its lobe, and sets weight to the fraction
+// of light that is reflected. point: uniform point in the unit square from which the direction is sampled
+vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
     bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;
     for (int once = 0; once < (blurs ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);
-        mirrored = sbl_lobe_sample(l, point, share);
-        share *= s.material.opacity;
+        mirrored = sbl_lobe_sample(l, point, weight);
+        weight *= s.material.opacity;
     }
 #endif
     float below = dot(mirrored, s.geometric_normal);
@@ -173,13 +173,13 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 // the stored light there. point: see sbl_mirrored
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
-    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
+    vec3 passing = sbl_passing(s.object, s.material, cosine), weight = vec3(0);
     pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;
-    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));
-    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_reflectance(s.material, cosine);
+    if (pane && s.material.roughness >= 0.0) weight = sbl_lobe_reflected(s.material, cosine, vec3(1));
+    if (!pane && sbl_is_mirror(s.material)) weight = sbl_mirror_reflectance(s.material, cosine);
     sbl_Leaving through = sbl_leaving(s, true, direction, passing);
-    vec3 mirror_direction = sbl_mirrored(s, direction, point, share);
-    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, share);
+    vec3 mirror_direction = sbl_mirrored(s, direction, point, weight);
+    sbl_Leaving mirrored = sbl_leaving(s, false, mirror_direction, weight);
     aside = mirrored;
     if (pane) return through;
     aside = through;
@@ -189,33 +189,33 @@ sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, vec2 point, out sbl
 // Returns the ray with which the ray `aside` continues: reflected by metal or, if `through` is set to true,
 // through a surface that lets some light pass. Its weight is 0 if the ray ends. In anti-aliasing samples, metal of
 // a roughness from SBL_MIRROR to SBL_POLISHED reflects the ray in a random direction of its lobe.
-// hits: number of surfaces at which the ray went on before. point: see sbl_mirrored
+// hits: number of surfaces at which the ray continued before. point: see sbl_mirrored
 sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out bool through) {
     float cosine = -dot(s.normal, ray.direction);
     vec3 passing = sbl_passing(s.object, s.material, cosine);
     float most = max(passing.r, max(passing.g, passing.b));
-    bool shines = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
+    bool reflects = sbl_is_strong(s.material, s.material.reflectance) && s.material.roughness < SBL_ASIDE_ROUGH &&
                   hits < SBL_ASIDE_MIRRORS && most < SBL_PANE;
-    through = most > 0.0 && hits < SBL_ASIDE_HITS && !shines;
+    through = most > 0.0 && hits < SBL_ASIDE_HITS && !reflects;
     if (through) return sbl_leaving(s, true, ray.direction, ray.weight * passing);
-    vec3 share = shines ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
+    vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
-    bool blurs = shines && draws_sample && s.material.roughness >= SBL_MIRROR &&
+    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&
                  s.material.roughness < SBL_POLISHED;
     for (int once = 0; once < (blurs ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);
-        direction = sbl_lobe_sample(l, point, share);
-        share *= s.material.opacity * ray.weight;
+        direction = sbl_lobe_sample(l, point, weight);
+        weight *= s.material.opacity * ray.weight;
     }
 #endif
-    if (dot(direction, s.geometric_normal) <= 0.0) share = vec3(0);
-    return sbl_leaving(s, false, direction, share);
+    if (dot(direction, s.geometric_normal) <= 0.0) weight = vec3(0);
+    return sbl_leaving(s, false, direction, weight);
 }
 
-// Adds the stored light that the surface s reflects, times share. See sbl_stored_radiance for the others.
-void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 share) {
-    vec3 light = m.throughput * share * sbl_stored_radiance(s, number, only_diffuse);
+// Adds the stored light that the surface s reflects, times weight. number, only_diffuse: see sbl_stored_radiance
+void sbl_show_stored(inout sbl_Mirrored m, sbl_Surface s, int number, bool only_diffuse, vec3 weight) {
+    vec3 light = m.throughput * weight * sbl_stored_radiance(s, number, only_diffuse);
     m.emission += light;
     m.stored += dot(light, vec3(SBL_LUMINANCE_WEIGHTS));
 }
@@ -232,22 +232,22 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), 0.0, number, false);
     sbl_Leaving next, aside;
     int turn = sbl_misses(number, origin, direction) ? SBL_CAMERA_RAY : SBL_ASIDE_RAY;
-    bool goes_on = true;
-    int hits = 0;     // number of surfaces at which the ray `aside` has gone on
+    bool continues = true;
+    int hits = 0;     // number of surfaces at which the ray `aside` has continued
     int panes = 0;    // number of panes that the ray `next` has passed
     int mirrors = 0;  // number of surfaces that the ray `next` has left, without the first SBL_PANES panes
-    while (mirrors < SBL_MIRRORS && (goes_on || hits > 0)) {
+    while (mirrors < SBL_MIRRORS && (continues || hits > 0)) {
         bool is_aside = turn == SBL_ASIDE_RAY;
         int rays = 2 * mirrors + (turn == SBL_NEXT_RAY ? 1 : 0) + hits;
         vec2 point = fract(sample_point + float(rays) * SBL_POINT_STEP);
         if (is_aside && hits == 0) {
             bool pane;
             next = sbl_leave_surface(s, m.direction, point, aside, pane);
-            goes_on = next.weight != vec3(0);
-            if (goes_on && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror
-            for (int once = 0; once < (goes_on && pane ? 1 : 0); once++)
+            continues = next.weight != vec3(0);
+            if (continues && pane && panes++ < SBL_PANES) mirrors--;  // does not count as a mirror
+            for (int once = 0; once < (continues && pane ? 1 : 0); once++)
                 sbl_show_stored(m, s, m.number, true, vec3(1));
-            if (goes_on) m.emission += m.throughput * s.emission;
+            if (continues) m.emission += m.throughput * s.emission;
         }
         sbl_Leaving ray = next;
         if (is_aside) ray = aside;
@@ -259,7 +259,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
         if (turn == SBL_CAMERA_RAY) {
             sbl_correct(s, m, hit, origin, direction);
-            goes_on = m.number >= 0;
+            continues = m.number >= 0;
             turn = SBL_ASIDE_RAY;
             continue;
         }
@@ -288,12 +288,12 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 origin, vec3 direc
         m.direction = ray.direction;
         m.throughput *= ray.weight;
         m.sky = is_sky;
-        goes_on = !is_sky;
+        continues = !is_sky;
         if (is_sky) continue;
         m.number = hit.number;
         s = found;
     }
-    if (goes_on && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);
+    if (continues && m.number >= 0) m.emission += m.throughput * sbl_passing_rest(s, m.number, m.direction);
     return m;
 }
 

@@ -29,8 +29,8 @@ vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SB
 // the light adds to the first four spherical-harmonic coefficients of radiance, in the order 1, y, z, x. R
 // includes the cosine between w and the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
-    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
-    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
+    vec3 scaled = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its component along n is 1
+    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * scaled.yzx);
 }
 
 #ifdef SBL_COMPUTE
@@ -41,8 +41,8 @@ layout(local_size_x = SBL_WORKGROUP) in;
 
 ivec2 sbl_texel_of_invocation() {
     int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y;
-    int slot = first_slot + i / size, part = i % size;
-    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);
+    int slot = first_slot + i / size, block = i % size;
+    return ivec2(slot % columns, slot / columns) * blocks + ivec2(block % blocks.x, block / blocks.x);
 }
 #else
 #define SBL_OUT(number, name) layout(location = number) out vec4 name

@@ -38,9 +38,10 @@ bool sbl_is_light(sbl_Lamp l) {
 }
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
-vec3 ray_origin, position, n;  // the sensor: origin of rays; position on the surface, for closed forms; normal
-float above;                 // distance of `ray_origin` from the surface
-mat3 to_frame;               // the sensor's frame, for closed forms
+// The sensor: origin of its rays; position on the surface, for closed forms; normal
+vec3 ray_origin, position, sensor_normal;
+float above;     // distance of `ray_origin` from the surface
+mat3 to_frame;   // the sensor's frame, for closed forms
 
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
@@ -95,7 +96,8 @@ sbl_Lamp sbl_lamp(int leaf) {
             vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)
             float spot = clamp(sbl_light_spot_offset(int(at)) -
                                0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);
-            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light
+            // The sensor may be inside the light.
+            if (l.away < l.radius) { l.corner = sensor_normal; l.away = l.radius; spot = 1.0; }
             l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
         }
@@ -169,18 +171,18 @@ vec3 sbl_unhindered(sbl_Lamp l) {
         vec3 corner = to_frame * l.corner;
         factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
     }
-    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(n, l.corner), l.sine2) / SBL_PI;
+    if (sbl_is_light(l)) factor = sbl_lamp_round(dot(sensor_normal, l.corner), l.sine2) / SBL_PI;
     if (sbl_is_texel(l))
-        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
+        factor = max(dot(sensor_normal, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
     return l.brightness * factor;
 }
 
 // Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its
-// solid angle and the integral of directions over it (`way`). If the horizon cuts a round lamp, all but the part
-// along the normal is approximate.
+// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along
+// the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
-    vec3 way = vec3(0);
+    vec3 integral = vec3(0);
     if (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 a = to_frame * l.corner, kept[4];
         vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);
@@ -193,7 +195,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         for (int k = 0; k < count; k++) {  // irradiance of a polygon as a sum over its edges (Lambert 1760)
             vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
             float size = length(across);
-            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
+            integral += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
         }
         for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983
             vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));
@@ -201,15 +203,15 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
                             dot(r, p) * lengths.y;
             solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);
         }
-        way = transpose(to_frame) * way * sign(solid_angle);
+        integral = transpose(to_frame) * integral * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to match l.brightness
-        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
+    if (sbl_is_light(l)) {  // solid_angle and integral are divided by pi * sine2, to match l.brightness
+        float z = dot(sensor_normal, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
-        way = shown * (l.corner - z * n) + sbl_lamp_round(z, l.sine2) * n;
+        integral = shown * (l.corner - z * sensor_normal) + sbl_lamp_round(z, l.sine2) * sensor_normal;
     }
-    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
+    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * integral.yzx), l.brightness);
 }
 
 // >>clusters
@@ -232,13 +234,13 @@ sbl_Cluster sbl_cluster(int node) {
 // gives the sensor any light.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
-    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
-    float height = dot(n, c.to);
-    // The normal of a distant lamp is the direction towards it, so its product with -n is the cosine at the
-    // sensor.
-    vec3 w = c.distant ? -n : c.to * inversesqrt(distance2);
+    float distance2 = max(dot(c.to, c.to), 1e-37), sine = min(c.radius * inversesqrt(distance2), 1.0);
+    float height = dot(sensor_normal, c.to);
+    // The normal of a distant lamp is the direction towards it, so its product with -sensor_normal is the cosine
+    // at the sensor.
+    vec3 w = c.distant ? -sensor_normal : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
-                  0.1 * sbl_lamp_node_power(node) * spread;
+                  0.1 * sbl_lamp_node_power(node) * sine;
     if (height + c.radius <= 0.0) return 0.0;
     float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
                  max(distance2, c.radius * c.radius);
@@ -316,7 +318,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
             s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));
         }
     }
-    s.light *= max(dot(n, s.direction), 0.0);
+    s.light *= max(dot(sensor_normal, s.direction), 0.0);
     return s;
 }
 
@@ -348,11 +350,11 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {
         sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
         float weight = sbl_strength(node + 1, left);
-        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
-        bool first = p.u.x < share;
+        float probability = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
+        bool first = p.u.x < probability;
         node = first ? node + 1 : left.beyond;
-        p.chance *= first ? share : 1.0 - share;
-        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
+        p.chance *= first ? probability : 1.0 - probability;
+        p.u.x = first ? p.u.x / probability : (p.u.x - probability) / (1.0 - probability);
     }
     p.leaf = int(sbl_lamp_node_first_leaf(node));
 }

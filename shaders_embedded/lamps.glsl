@@ -9,24 +9,25 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It usually
-// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT, it reports one ray or one entry of the look.
+// The rays of a look are divided among `blocks.y` invocations. An invocation usually stops when its rays agree
+// (see SBL_PASS_CHANCE). With SBL_INSPECT, an invocation reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points in the unit square for the rays, as in trace.glsl
 uniform int rays;                     // maximum number of rays per look, except rim samples and rays to points
 uniform float scale;                  // factor from R to the output
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
-uniform int parts;                    // number of parts into which the measurement divided a look's rays
+uniform int invocations;              // number of invocations that measured the look, see sbl__aim
 uniform int sheet_slot;               // slot of the look's views in the view texture
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
-SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
+SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
 const bool inspected = false;
-SBL_OUT(0, out_light);                // rgb: R of the part * scale; a: variance of its luminance
-SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale
-SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale
+SBL_OUT(0, out_light);                // rgb: R that the invocation's rays measure * scale; a: variance of its
+                                      // luminance
+SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the invocation's light * scale
+SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the invocation's light * scale
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
 #else
@@ -40,9 +41,9 @@ const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for 
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
-const float SBL_SPARSE = 4.0;       // a part that is expected to send fewer rays than this to the lamps of one
-                                    // facing does not use the ratio seen / open for these lamps, because
-                                    // the ratio of few rays is biased
+const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps
+                                    // of one facing does not use the ratio seen / open for these lamps,
+                                    // because the ratio of few rays is biased
 #else
 const float SBL_SPARSE = 16.0;
 #endif
@@ -81,7 +82,7 @@ const int SBL_TEXELS_COMPARED = 4;  // maximum number of texels that sbl_hidden 
 // at a point closer to the middle of the triangle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float rotation = sbl_look_rotation(look);
-    mat3 frame = sbl_frame(n);
+    mat3 frame = sbl_frame(sensor_normal);
     vec3 side_x = cos(rotation) * frame[0] - sin(rotation) * frame[1];
     vec3 side_y = -cos(rotation) * frame[1] - sin(rotation) * frame[0];
     vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
@@ -90,11 +91,11 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
     for (int attempt = 0; attempt < SBL_TEXELS_COMPARED; attempt++, point = mix(point, middle, 0.4)) {
         vec2 side = vec2(dot(point, side_x), dot(point, side_y));
-        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
+        bool top = max(abs(side.x), abs(side.y)) <= dot(point, sensor_normal) * tangent;
         int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
         if (!top && view_count == 1) return true;
-        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
-        vec3 up = top ? side_y : n;
+        vec3 forward = top ? sensor_normal : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
+        vec3 up = top ? side_y : sensor_normal;
         vec4 rect = view_rects[face];
         vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;
         vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
@@ -131,7 +132,7 @@ mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of 
                              // have a closed form (see sbl_has_closed_form), except the `certain` point lights.
                              // Each facing has its own ratio seen / open, because one side of a closed mesh hides
                              // the other
-bool rounded = false;        // true: some of the considered lamps are not triangles
+bool any_round = false;      // true: some of the considered lamps are not triangles
 mat3x4 whole_harmonics[2];   // by facing, like `whole`: the harmonics of that light
 #ifdef SBL_GROUPS
 vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for facing 0, then those for facing 1
@@ -139,9 +140,9 @@ vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for f
 // Adds the light of a lamp to sums ordered like whole_layers.
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
-        vec3 part = light * sbl_lamp_layer_fraction(l, g);
-        sums[g] += l.facing.x * part;
-        sums[SBL_GROUPS + g] += l.facing.y * part;
+        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);
+        sums[g] += l.facing.x * group_light;
+        sums[SBL_GROUPS + g] += l.facing.y * group_light;
     }
 }
 #else
@@ -167,7 +168,7 @@ vec3 sbl_expected(sbl_Lamp l) {
 // cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
-    float length2 = dot(w, w), cosine = dot(direction, n);
+    float length2 = dot(w, w), cosine = dot(direction, sensor_normal);
     return cosine > 0.0 ? max(w.z, 0.0) * abs(determinant(to_frame)) / (length2 * length2 * cosine) : 0.0;
 }
 #endif
@@ -191,7 +192,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     full = false;
     if (!single) {
         sbl_Cluster c = sbl_cluster(i);
-        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;
+        if (dot(sensor_normal, c.to) + c.radius <= 0.0) next = c.beyond;
         else if (c.beyond == i + 1) {
             single = true;
             leaf = int(sbl_lamp_node_first_leaf(i));
@@ -205,7 +206,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         sbl_Lamp l = sbl_lamp(leaf);
         vec3 light = sbl_expected(l);
         strength = light.r + light.g + light.b;
-        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
+        any_round = any_round || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
         if (!point && sbl_has_closed_form(l)) {
             whole += outerProduct(light, l.facing);
@@ -270,7 +271,7 @@ int sbl_pick_entry(inout sbl_Pick p) {
 // `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).
 mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with
                                               // it
-vec3 sure = vec3(0), sampled = vec3(0);       // see above
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
 // Textures and panes multiply the luminance of each ray in `lit` by a factor. By facing: the sum of these factors,
@@ -289,8 +290,8 @@ mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `see
 vec3 open_layers[2 * SBL_GROUPS], seen_layers[2 * SBL_GROUPS];  // layers of `open` and of `seen`, see whole_layers
 vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of `sure` and of `sampled`
 #endif
-vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way
-bool reporting;                               // true: sbl_shoot reports its ray
+vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction
+bool reporting;                                     // true: sbl_shoot reports its ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
@@ -307,7 +308,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     vec3 either = light + unhindered;
     if (!(either.r + either.g + either.b > 0.0)) return;
     if (directional)
-        to_harmonics = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
+        to_harmonics = sbl_harmonics(s.direction, sensor_normal,
+                                     1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);
         open += outerProduct(unhindered, l.facing);
@@ -329,7 +331,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #endif
     if (reporting) {
         report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));
-        report_way = vec4(point ? vec3(0) : to / away, p.leaf);
+        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);
     }
     if (!point && (at_rim || !cluster)) {
         if (hidden) blocked += l.facing;
@@ -416,7 +418,7 @@ sbl_Result sbl_combine() {
     r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
-        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
+        vec3 visible = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         // n / n can exceed 1 on NVIDIA. Without min, the variance could be negative, which is read as SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_fraction = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
@@ -426,18 +428,18 @@ sbl_Result sbl_combine() {
         rays_counted = all * all / max(lobe_squares[g], 1e-30);
 #endif
         if (sparse[g] > 0.0) continue;
-        r.light.rgb += whole[g] * share;
-        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.
+        r.light.rgb += whole[g] * visible;
+        // Harmonics: the closed form times `visible`, plus the deviation from it that the rays measured.
         for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
-                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
-                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
+                r.harmonics[k] += visible[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
+                                  (seen_harmonics[g][k] - visible[k] * open_harmonics[g][k]);
 #ifdef SBL_GROUPS
-        // Layers: like harmonics. The deviations of all layers add up to 0, because `share` is seen / open.
+        // Layers: like harmonics. The deviations of all layers add up to 0, because `visible` is seen / open.
         vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));
         for (int i = 0; i < SBL_GROUPS; i++)
-            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *
-                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);
+            r.layers[i] += visible * whole_layers[g * SBL_GROUPS + i] + per_ray *
+                           (seen_layers[g * SBL_GROUPS + i] - visible * open_layers[g * SBL_GROUPS + i]);
 #endif
 #if (defined(SBL_TEXTURED) || defined(SBL_SPECULAR)) && !defined(SBL_LOBE)
         // The factors of rays that reach lamps vary. Strata are assumed not to help, because textures are fine.
@@ -476,8 +478,8 @@ int sbl_pass_count() {
 }
 
 // Returns true with the probability SBL_PASS_CHANCE.
-bool sbl_goes_on(int part) {
-    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;
+bool sbl_makes_all_passes(int invocation) {
+    uint hash = (scramble.x ^ uint(invocation) * 2654435769u) * 747796405u;
     hash = (hash ^ hash >> 16) * 2246822519u;
     return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;
 }
@@ -487,23 +489,24 @@ void main() {
     int wanted = at.y * blocks.x + at.x;  // index of the ray or, from `rays` on, of the entry to report
     int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`
 #ifdef SBL_INSPECT
-    int part = 0, slot = sheet_slot;
+    int invocation = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
-    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;
-    if (wanted >= rays) part = certain_ray % parts;
+    while (wanted < rays && invocation + 1 < invocations && (invocation + 1) * rays / invocations <= wanted)
+        invocation++;
+    if (wanted >= rays) invocation = certain_ray % invocations;
     look = 0;
 #else
-    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;
+    int invocations = blocks.y, invocation = at.y % invocations, slot = at.y / invocations * columns + at.x;
     look = slot - first_slot;
     if (look < 0 || look >= count) sbl_leave;
 #endif
-    n = sbl_look_normal(look);
+    sensor_normal = sbl_look_normal(look);
     ray_origin = sbl_look_position(look);
     above = sbl_look_offset(look);
-    position = ray_origin - above * n;
-    to_frame = transpose(sbl_frame(n));
+    position = ray_origin - above * sensor_normal;
+    to_frame = transpose(sbl_frame(sensor_normal));
 #ifdef SBL_LOBE
-    sbl_lobe_begin(look, n);
+    sbl_lobe_begin(look, sensor_normal);
     to_frame = sbl_lobe_to_cosine(look);
 #endif
     uint hash = sbl_look_lamp_scramble(look);
@@ -512,37 +515,38 @@ void main() {
     sbl_choose();
     if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
         report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);
-        report_way.w = float(entries[wanted - rays]);
+        report_direction.w = float(entries[wanted - rays]);
     }
 #ifdef SBL_GROUPS
     for (int g = 0; g < 2 * SBL_GROUPS; g++)
         open_layers[g] = seen_layers[g] = sure_layers[g] = sampled_layers[g] = vec3(0);
 #endif
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
-    float enough = SBL_SPARSE * float(parts) / float(rays) * total;
+    float enough = SBL_SPARSE * float(invocations) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
     // Rim samples find shadow edges that hide only a small part of a lamp; more passes are then made.
-    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
+    int passes = sbl_pass_count(), rims = any_round ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
-    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
+    bool undecided = total > 0.0, stopped = false, all_passes = sbl_makes_all_passes(invocation);
     sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
-        // Each part has SBL_LAMP_PASSES sections of the sequence; each section covers the unit square evenly.
-        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
+        // Each invocation has SBL_LAMP_PASSES sections of the sequence. Each section covers the unit square
+        // evenly.
+        int section = SBL_LAMP_PASSES * invocation, sections = SBL_LAMP_PASSES * invocations;
         // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.
         int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));
         int from = int(uint((section + pass * stretch) * rays) / uint(sections));
         int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;
         bool point = pass < 0;
-        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
-        for (int k = start; k < end; k += point ? parts : 1) {
+        int start = point ? invocation : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
+        for (int k = start; k < end; k += point ? invocations : 1) {
             bool at_rim = pass == 0 && k < from;
             uint rim_index = uint(from - 1 - k);
             int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
             vec2 u = sbl_unit_square(fraction);
-            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
+            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(invocations) : 1.0, u, false);
             if (at_rim) entry = entries[rim_index / uint(rims)];
             else if (!point) entry = sbl_pick_entry(p);
             if (at_rim && entry < 0) continue;
@@ -556,24 +560,24 @@ void main() {
             if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
             sbl_Sample s = sbl_sample(l, p.u);
             if (corner) {
-                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
+                vec3 to_sample = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
                            (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;
-                s.distance = length(way);
-                s.direction = way / s.distance;
-                s.light = vec3(dot(way, n));
+                s.distance = length(to_sample);
+                s.direction = to_sample / s.distance;
+                s.light = vec3(dot(to_sample, sensor_normal));
             }
             reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
             sbl_shoot(slot, p, l, s, at_rim, point);
         }
         if (point || stopped) continue;
         undecided = sbl_undecided();
-        if (undecided || !goes_on || pass + 1 == passes) continue;
+        if (undecided || !all_passes || pass + 1 == passes) continue;
         early = sbl_combine();
         undecided = stopped = true;
     }
 #ifdef SBL_INSPECT
     sbl_write(out_light, vec4(report.rgb * unit, report.a));
-    sbl_write(out_way, report_way);
+    sbl_write(out_direction, report_direction);
 #else
     sbl_Result r;
     if (stopped) r = sbl_combine_after(early);

@@ -16,8 +16,8 @@ float sbl_diffuse_lost(float cosine) {
     return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
 }
 
-// Returns the position of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
-float sbl_lobe_step(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
+// Returns the position of a row or a column in the tables of lobes. fraction: 0 to 1 from the first to the last
+float sbl_lobe_step(float fraction) { return float(SBL_LOBE_ROWS - 1) * clamp(fraction, 0.0, 1.0); }
 
 float sbl_lobe_row(float roughness) {
     return sbl_lobe_step((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));
@@ -35,8 +35,8 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);
     vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
     vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));
-    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
-    return reflectance * (share.x - share.y) + share.y;
+    vec2 entry = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
+    return reflectance * (entry.x - entry.y) + entry.y;
 }
 
 // Returns the albedo of a surface: the cosine-weighted mean over the hemisphere. opacity: coverage of the surface,
@@ -122,11 +122,11 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 }
 
 // Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
-// of the triangle; way: vector from the viewer to the point
-float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
-    float away = max(length(way), SBL_DIVISOR_LEAST);  // each vector is divided by it before they are multiplied,
-                                                       // since the products would underflow
-    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
+// of the triangle; to_point: vector from the viewer to the point
+float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {
+    // Vectors are divided by `away` before they are multiplied, because the products would underflow.
+    float away = max(length(to_point), SBL_DIVISOR_LEAST);
+    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);
 }
 
 const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles

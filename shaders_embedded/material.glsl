@@ -20,7 +20,7 @@ struct sbl_Material {
     vec3 albedo;       // albedo; if the surface also has a lobe, the mean over all directions
     bool cut_out;      // true: the point lies in a hole
 #ifdef SBL_SPECULAR
-    vec3 diffuse;      // albedo of the diffuse part, seen along the normal
+    vec3 diffuse;      // albedo of the diffuse component, seen along the normal
     vec3 reflectance;  // reflectance of the specular lobe, seen along the normal
     float roughness;   // 0 to 1; negative: the surface is matte
     float opacity;     // coverage of the surface at this point, 0 to 1
@@ -47,9 +47,9 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
     sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));
     float reflectance = sbl_object_reflectance(object);
     for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {
-        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
-        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);
-        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);
+        vec2 factors = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
+        float metallic = clamp(factors.y * sbl_object_metallic(object), 0.0, 1.0);
+        m.roughness = clamp(factors.x * sbl_object_roughness(object), 0.0, 1.0);
         m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;
         m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);
         m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));
@@ -87,7 +87,7 @@ bool sbl_is_strong(sbl_Material m, vec3 reflectance) {
 }
 
 // Returns true if the surface is gloss of a roughness below SBL_GLOSS_ROUGH. Some of the rays that hit it continue
-// in its lobe; the others find only its diffuse part (see sbl_face_ray).
+// in its lobe; the others find only its diffuse component (see sbl_face_ray).
 bool sbl_hit_as_gloss(sbl_Material m) {
     return m.roughness >= 0.0 && m.roughness < SBL_GLOSS_ROUGH && !sbl_is_strong(m, m.reflectance);
 }
@@ -162,7 +162,7 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
 // Returns the part of the albedo with which lamps.glsl measures the light of a glow (see >>glow in sbl.h). For
-// gloss, this is only the diffuse part, because rays that hit gloss find the light of its lobe.
+// gloss, this is only the diffuse component, because rays that hit gloss find the light of its lobe.
 vec3 sbl_glow_albedo(sbl_Material m) {
 #ifdef SBL_SPECULAR
     if (sbl_hit_as_gloss(m)) return (1.0 - SBL_DIFFUSE_LOST) * m.diffuse;
@@ -189,7 +189,7 @@ vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 }
 
 #ifdef SBL_SPECULAR
-// Returns the radiance that the diffuse part of a surface reflects. light: R at the surface
+// Returns the radiance that the diffuse component of a surface reflects. light: R at the surface
 vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }
 
 // Returns the radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the
@@ -208,7 +208,7 @@ vec3 sbl_mirror_reflectance(sbl_Material m, float cosine) {
     return m.opacity * sbl_fresnel(m.reflectance, cosine);
 }
 
-// Returns the albedo of the diffuse part of a surface for a viewer at this cosine.
+// Returns the albedo of the diffuse component of a surface for a viewer at this cosine.
 vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }
 #endif
 

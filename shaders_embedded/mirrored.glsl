@@ -7,30 +7,30 @@
 uniform int mirrored_count;               // number of records in the scene
 // scouts: true: the rays are scouts (see >>guide in sbl.h). None goes to a mirrored lamp, so that all keep the
 // directions from which guides are made. Their weights still say how well rays to mirrored lamps find light, so
-// that guides send few further rays to these places
+// that guides send few further rays to these lamps
 uniform bool scouts;
 
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_FRACTION = 4.0;     // the fraction is multiplied by min(1, this * m / d). m: light of the
+const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the
                                           // mirrored lamps; d: direct, unobstructed light of their brightest lamp
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
-vec4 mirrored_way[SBL_MIRRORED];          // xyz: unit direction to the image of the lamp; w: squared width
+vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width
 float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
 float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps
 
 // Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.
-void sbl_mirrored_add(vec4 way, float chance) {
+void sbl_mirrored_add(vec4 direction, float chance) {
     for (int k = 0; k < SBL_MIRRORED; k++) {
         bool before = chance > mirrored_chance[k];
-        vec4 next_way = before ? mirrored_way[k] : way;
+        vec4 next_direction = before ? mirrored_direction[k] : direction;
         float next = before ? mirrored_chance[k] : chance;
-        if (before) mirrored_way[k] = way;
+        if (before) mirrored_direction[k] = direction;
         if (before) mirrored_chance[k] = chance;
-        way = next_way;
+        direction = next_direction;
         chance = next;
     }
 }
@@ -40,7 +40,7 @@ void sbl_mirrored_add(vec4 way, float chance) {
 // (distance from the mirror to this image).
 void sbl_mirrored_begin(vec3 from, vec3 normal) {
     for (int k = 0; k < SBL_MIRRORED; k++) {
-        mirrored_way[k] = vec4(normal, 1);
+        mirrored_direction[k] = vec4(normal, 1);
         mirrored_chance[k] = 0.0;
     }
     float most = 0.0, brightest = 0.0;
@@ -49,8 +49,8 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         vec3 mirror_normal = sbl_mirrored_normal(i);
         vec3 to = sbl_mirrored_middle(i) - (distant ? vec3(0) : from);
         float away = max(length(to), SBL_DIVISOR_LEAST), radius = sbl_mirrored_radius(i);
-        vec3 way = to / away;
-        float cosine = dot(normal, way), mirror_cosine = -dot(mirror_normal, way);
+        vec3 to_image = to / away;
+        float cosine = dot(normal, to_image), mirror_cosine = -dot(mirror_normal, to_image);
         float height = dot(mirror_normal, from) - sbl_mirrored_offset(i), lamp = min(radius / away, 1.0);
         vec3 size = sbl_mirrored_high(i) - sbl_mirrored_low(i);
         float least = SBL_MIRRORED_HEIGHT * (distant ? length(size) : away);
@@ -58,7 +58,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         float to_mirror = height / mirror_cosine;
         float lobe = 2.0 * sbl_mirrored_alpha(i) * (distant ? 1.0 : max(1.0 - to_mirror / away, 0.0));
         float width2 = max(lobe * lobe + lamp * lamp, SBL_MIRRORED_WIDTH2);
-        vec3 hit = from + to_mirror * way, margin = vec3(to_mirror * sqrt(width2));
+        vec3 hit = from + to_mirror * to_image, margin = vec3(to_mirror * sqrt(width2));
         vec3 outside = max(sbl_mirrored_low(i) - margin - hit, hit - margin - sbl_mirrored_high(i));
         if (max(outside.x, max(outside.y, outside.z)) > 0.0) continue;
         // fraction of the highlight that the mirror may cover, from the diagonal of its bounds
@@ -73,7 +73,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
         vec3 reflected = sbl_fresnel(sbl_mirrored_reflectance(i), mirror_cosine);
         float light = covered * (reflected.r + reflected.g + reflected.b) * sbl_mirrored_power(i);
         light *= max(cosine, 0.1 * lamp);
-        sbl_mirrored_add(vec4(way, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));
+        sbl_mirrored_add(vec4(to_image, width2), light / (distant ? 1.0 : max(away * away, radius * radius)));
     }
     float sum = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) sum += mirrored_chance[k];
@@ -85,27 +85,27 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
 // Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle
 // between both has the distribution of GGX.
 vec3 sbl_mirrored_sample(vec2 u) {
-    vec4 way = mirrored_way[0];
+    vec4 highlight = mirrored_direction[0];
     float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];
     for (int k = 1; k < SBL_MIRRORED; k++) {
         bool taken = u.x >= sum && mirrored_chance[k] > 0.0;
-        way = taken ? mirrored_way[k] : way;
+        highlight = taken ? mirrored_direction[k] : highlight;
         first = taken ? sum : first;
         chance = taken ? mirrored_chance[k] : chance;
         sum += mirrored_chance[k];
     }
     float x = clamp((u.x - first) / chance, 0.0, 0.999999), angle = 2.0 * SBL_PI * u.y;
-    float tangent = sqrt(way.w * x / (1.0 - x));
-    return normalize(sbl_frame(way.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));
+    float tangent = sqrt(highlight.w * x / (1.0 - x));
+    return normalize(sbl_frame(highlight.xyz) * vec3(tangent * cos(angle), tangent * sin(angle), 1.0));
 }
 
 // Returns the pdf, per solid angle, of the directions that sbl_mirrored_sample returns.
 float sbl_mirrored_density(vec3 direction) {
     float density = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) {
-        float width2 = mirrored_way[k].w, z = dot(direction, mirrored_way[k].xyz);
+        float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);
         // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.
-        vec3 across = cross(direction, mirrored_way[k].xyz);
+        vec3 across = cross(direction, mirrored_direction[k].xyz);
         float t = z * z * width2 + dot(across, across);
         density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;
     }

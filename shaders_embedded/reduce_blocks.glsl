@@ -4,7 +4,7 @@ uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of 
 uniform int block;               // width and height of a block, in texels
 SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces
 SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0
-uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0
+uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0
 SBL_OUT_HARMONICS(2, 3, 4)
 
 void main() {
@@ -21,8 +21,8 @@ void main() {
             vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
-            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
-            vec4 to_harmonics = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));
+            vec3 d = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
+            vec4 to_harmonics = sbl_harmonics(frame * d, frame[2], 1.0 / max(d.z, SBL_COSINE_LEAST));
             harmonics += outerProduct(to_harmonics, weight.x * texel.rgb);
             float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;
             float length_to_hit = abs(texel.a) * weight.y;

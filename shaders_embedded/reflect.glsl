@@ -1,24 +1,24 @@
 // Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces
-// them at near hits and where the surface shines (hit_continues: metal, panes, and gloss for a part of the rays).
-// cast.glsl traces them only where sbl_is_strong is true, for example on metal.
+// them at near hits and where hit_continues is true (at metal and panes, and for some rays at gloss). cast.glsl
+// traces them only where sbl_is_strong is true, for example on metal.
 
 #ifdef SBL_SPECULAR
-// A surface that shines gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is gloss. This blurs
-// the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as specks (Kaplanyan
-// and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport"). The highlights of
-// gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have another minimum
-// for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
+// A surface that reflects a ray in its lobe gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is
+// gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as
+// specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+// The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have
+// another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
 const float SBL_BLURRED_LOBE = 0.5;
-bool hit_continues = false;     // true: the surface of the last hit shines
+bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS
                              // (sbl_lobe_mis); 0: ignore lamps that the ray hits
 
 // Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface
 // continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.
 // Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because
-// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse part for this
-// angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the albedo
-// includes the lobe
+// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for
+// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the
+// albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
     hit_continues = sbl_is_strong(m, m.reflectance);
     for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {
@@ -62,9 +62,9 @@ struct sbl_Reflection {
 };
 
 #ifdef SBL_SPECULAR
-// A narrow lobe reflects a small part of a lamp. A surface that shines therefore tries this many points of the
-// lamp, and takes one of them with a chance in proportion to the light that would come from it unblocked (Talbot,
-// Cline and Egbert 2005, "Importance Resampling for Global Illumination").
+// A narrow lobe reflects a small part of a lamp. Where hit_continues is true, this many points of the lamp are
+// therefore tried, and one of them is taken with a chance in proportion to the light that would come from it
+// unblocked (Talbot, Cline and Egbert 2005, "Importance Resampling for Global Illumination").
 #ifdef SBL_LOBE
 const int SBL_LAMP_TRIES = 1;  // more points make sensors of lobes slower, but not better
 #else
@@ -74,16 +74,16 @@ const int SBL_LAMP_TRIES = 8;
 // Sequences")
 const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);
 
-// Replaces s, the point of lamp l at u, by the point that is taken. shine: the lobe; pick: random number, 0 to 1.
-// Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the
+// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to
+// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the
 // chance of the point among those that were tried, times its MIS weight.
-vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {
+vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {
     sbl_Sample tried = s;
     vec3 light = vec3(0);
     float all = 0.0;
     for (int k = 1; k <= SBL_LAMP_TRIES; k++) {
-        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(shine, tried.direction) / float(SBL_LAMP_TRIES));
-        vec3 found = (1.0 - mis) * sbl_lobe_factor(shine, tried.direction) * tried.light;
+        float mis = sbl_mis_of_lobe(l, tried, sbl_lobe_density(hit_lobe, tried.direction) / float(SBL_LAMP_TRIES));
+        vec3 found = (1.0 - mis) * sbl_lobe_factor(hit_lobe, tried.direction) * tried.light;
         float weight = found.r + found.g + found.b;
         if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect
         all += weight;
@@ -100,8 +100,9 @@ vec3 sbl_take_point(sbl_Lobe shine, sbl_Lamp l, vec2 u, float pick, inout sbl_Sa
 }
 #endif
 
-// Samples the two rays that start at a hit that is near or shines (see SBL_SEGMENTS): the ray to a lamp and the
-// next segment. direction: direction of the ray that arrives at the hit. hash: source of the random numbers
+// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a
+// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random
+// numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
@@ -110,30 +111,30 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     uvec4 random = uvec4(hash, 0, 0, 0);
     for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
-    n = bounce.normal;
+    sensor_normal = bounce.normal;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
-    ray_origin = position + above * n;
-    sbl_Reflection r = sbl_Reflection(ray_origin, n, 0.0, -1, vec3(0), 0, bounce.direction,
+    ray_origin = position + above * sensor_normal;
+    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), 0, bounce.direction,
                                       bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
-    sbl_Lobe shine;
+    sbl_Lobe hit_lobe;
     for (int once = 0; once < (hit_continues ? 1 : 0); once++) {
         ivec3 v = sbl_corners(hit.number);
         vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
         vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                       b.z * sbl_attributes_normal(v.z);
-        normal = sbl_shading_normal(normal, n, n, direction);
+        normal = sbl_shading_normal(normal, sensor_normal, sensor_normal, direction);
 #ifdef SBL_LOBE
         float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
 #else
         float least = sbl_hit_as_gloss(material) ? SBL_BLURRED_GLOSS : SBL_BLURRED;
 #endif
-        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
-        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.throughput);
+        hit_lobe = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
+        r.direction = sbl_lobe_sample(hit_lobe, sbl_unit_square(random.xy), r.throughput);
         r.throughput *= material.opacity;
-        r.density = sbl_lobe_density(shine, r.direction) / float(SBL_LAMP_TRIES);
-        if (dot(r.direction, n) <= 0.0) r.throughput = vec3(0);
+        r.density = sbl_lobe_density(hit_lobe, r.direction) / float(SBL_LAMP_TRIES);
+        if (dot(r.direction, sensor_normal) <= 0.0) r.throughput = vec3(0);
     }
 #endif
     if (lamp_leaves == 0) return r;
@@ -147,14 +148,14 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_continues ? 1 : 0); once++) {
         float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;
-        r.light = sbl_take_point(shine, l, p.u, pick, s) * (material.opacity * unit / p.chance);
+        r.light = sbl_take_point(hit_lobe, l, p.u, pick, s) * (material.opacity * unit / p.chance);
     }
 #endif
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
 #endif
     bool bounded = s.distance < SBL_UNBOUNDED;
-    vec3 to = bounded ? s.distance * s.direction - above * n : s.direction;
+    vec3 to = bounded ? s.distance * s.direction - above * sensor_normal : s.direction;
     r.to_lamp = normalize(to);
     float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
     bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false also for NaN, which occurs if the hit is

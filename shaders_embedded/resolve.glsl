@@ -11,9 +11,9 @@ uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
 uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels
-uniform sampler2D previous;                 // sum of the previous samples, each times `share`
+uniform sampler2D previous;                 // sum of the previous samples, each times `sample_weight`
 uniform int has_previous;                   // 0: this is the first sample
-uniform float share;                        // 1 / number of samples per pixel
+uniform float sample_weight;                // 1 / number of samples per pixel
 layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
 uniform sampler2D previous_display;         // like `previous`, for the colour on the screen
@@ -78,11 +78,11 @@ void main() {
         color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make light negative
 #endif
     }
-    out_color = before + share * vec4(color, 1);
+    out_color = before + sample_weight * vec4(color, 1);
 #ifdef SBL_DISPLAY
     vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);
     float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);
     vec3 least = id == 0u ? fade * backdrop : vec3(0);
-    out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);
+    out_display = shown_before + sample_weight * vec4(max(sbl_shown(color), least), 1);
 #endif
 }

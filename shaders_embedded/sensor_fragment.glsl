@@ -9,7 +9,7 @@ flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;
 in vec4 fragment_color;
-in vec3 fragment_way, fragment_position;
+in vec3 fragment_from_sensor, fragment_position;
 
 const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in scene extents
 const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `clip`, in texels
@@ -38,9 +38,9 @@ void main() {
 #endif
 #ifdef SBL_BOUNCED
     int number = first_triangle + gl_PrimitiveID;
-    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_way));
+    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));
     vec3 light = sbl_light_of(leaf);
-    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_way));
+    vec3 glow = sbl_glowing(leaf, number, !gl_FrontFacing, fragment_position, length(fragment_from_sensor));
     sbl_Material material = sbl_material(fragment_object, at);
     radiance += radiance_scale * sbl_reflected_beside(material, light, glow);
 #endif

@@ -18,13 +18,13 @@ flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOU
 flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
-out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
+out vec3 fragment_from_sensor;              // only with SBL_BOUNCED: vector from the sensor to the surface
 out vec3 fragment_position;                 // only with SBL_BOUNCED: point on the surface in world space
 
 void main() {
     int number = int(object);
 #ifdef SBL_BOUNCED
-    fragment_way = position - view_eye;
+    fragment_from_sensor = position - view_eye;
     fragment_position = position;
 #endif
 #ifdef SBL_TEXTURED

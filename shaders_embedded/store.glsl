@@ -12,7 +12,7 @@ uint sbl_hash_step(uint hash, uint x) {
     return hash ^ hash >> SBL_HASH_SHIFT;
 }
 
-// Returns true if rays of this length read the cells for near rays.
+// Returns true if rays of this length read the cells for short rays.
 bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }
 
 // Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.
@@ -26,7 +26,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     }
     if (sbl_is_short(distance)) patch_word |= SBL_PATCH_SHORT;
     uint reference = 0u;
-    // Each level has cells for near rays and cells for far rays. This loop first tries the kind that suits
+    // Each level has cells for short rays and cells for long rays. This loop first tries the kind that suits
     // `distance`.
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
@@ -55,7 +55,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
 // Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
-// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for far rays at this
+// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for long rays at this
 // position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same
 // parameters; it becomes the bright leaf, or 0
 vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {

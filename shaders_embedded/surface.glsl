@@ -13,8 +13,8 @@ struct sbl_Surface {
 };
 
 // Smallest distance of points from the sides of their triangle, divided by reach. It is 4 * SBL_OFFSET, because
-// views need that much. SBL_OFFSET is the distance of sensors from their surface, divided by reach or by the
-// extent.
+// sensors that draw views need this distance. SBL_OFFSET is the distance of sensors from their surface, divided by
+// reach or by the extent.
 const float SBL_INSET = 6e-6;
 
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {

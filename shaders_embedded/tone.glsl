@@ -8,11 +8,11 @@ const float SBL_TONE_MOST = 1e8;     // larger values, including infinity, are l
 const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;
 
 vec3 sbl_neutral(vec3 c) {
-    float least = min(c.r, min(c.g, c.b)), room = 1.0 - SBL_NEUTRAL_KNEE;
+    float least = min(c.r, min(c.g, c.b)), headroom = 1.0 - SBL_NEUTRAL_KNEE;
     c -= least < SBL_NEUTRAL_TOE ? least - least * least / (2.0 * SBL_NEUTRAL_TOE) : 0.5 * SBL_NEUTRAL_TOE;
     float peak = max(c.r, max(c.g, c.b));
     if (peak <= SBL_NEUTRAL_KNEE) return c;
-    float shown = 1.0 - room * room / (peak + room - SBL_NEUTRAL_KNEE);
+    float shown = 1.0 - headroom * headroom / (peak + headroom - SBL_NEUTRAL_KNEE);
     return mix(vec3(shown), c * (shown / peak), 1.0 / (SBL_NEUTRAL_FADE * (peak - shown) + 1.0));
 }
 

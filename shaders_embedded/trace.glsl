@@ -1,19 +1,20 @@
-// Traces a part of a look's rays over the hemisphere, with a cosine distribution of directions, and sums them. The
-// outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this
-// part, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y is not a mean distance
-// but the number of steps of these rays through the hierarchy, divided by `rays`. If `paired` is 0, the invocation
-// traces one ray for an inspection: out_sum.a is its weight divided by `rays`, out_hits.xyz its direction, and
-// out_hits.w its distance, which is negative for a back face, or 0 if the ray hits nothing.
+// An invocation traces some of a look's rays over the hemisphere, with a cosine distribution of directions, and
+// sums their light. The outputs have the same meaning as in reduce_blocks.glsl, but out_hits.w is the variance of
+// the luminance of these rays, and out_hits.z is SBL_LOST if rays were lost. If counts_steps is true, out_hits.y
+// is not a mean distance but the number of steps of these rays through the hierarchy, divided by `rays`. If
+// `paired` is 0, the invocation traces one ray for an inspection: out_sum.a is its weight divided by `rays`,
+// out_hits.xyz its direction, and out_hits.w its distance, which is negative for a back face, or 0 if the ray hits
+// nothing.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the size of groups of consecutive rays: 1: pairs; 0: single rays.
                                       // The invocations of a look take these groups in turn
 uniform bool no_light;                // true: rays cannot find light, so only a site's first look traces them
-uniform float spread;                 // 1: rays over the whole hemisphere; 0: all rays along the normal
+uniform float hemisphere;             // 1: rays over the whole hemisphere; 0: all rays along the normal
 uniform float ray_length;             // a ray ends at this length, and then sees the sky
 uniform float distance_limit;         // larger distances count as this one in the mean distance
 // SBL_POOLED: if it is defined, a workgroup traces the first segments of all its rays. Its invocations then share
-// the rays that go on
+// the rays that continue
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
@@ -59,18 +60,19 @@ const int sky_layer = 0;
 #endif
 
 // Returns the radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this
-// radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: receives true if
-// the hit is near or its surface shines, otherwise false. If true, the result does not contain reflected light,
-// which further rays find; but if the surface shines, it contains the stored light that the diffuse part reflects.
-// material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of glows, which
-// lamps.glsl measures for the sensor.
-vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool goes_on, out sbl_Material material) {
+// radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if
+// the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,
+// which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component
+// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of
+// glows, which lamps.glsl measures for the sensor.
+vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,
+                  out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
     vec3 radiance = sbl_outgoing(object, hit.back, at);
     sbl_add_layer(int(sbl_object_layer(object)), carried * radiance);
-    goes_on = false;
+    continues = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
 #ifdef SBL_LOBE
@@ -78,20 +80,20 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool go
 #else
     const float first_scale = SBL_FIRST_SCALE;
 #endif
-    goes_on = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);
+    continues = !last && sbl_is_short(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
     sbl_face_ray(material, hit, arriving, last);
-    goes_on = goes_on || hit_continues;
-    bool reads_store = !goes_on || hit_continues || bright_cells > 0;
+    continues = continues || hit_continues;
+    bool reads_store = !continues || hit_continues || bright_cells > 0;
 #else
-    bool reads_store = !goes_on || bright_cells > 0;
+    bool reads_store = !continues || bright_cells > 0;
 #endif
     if (reads_store) {
         int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
-        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
-        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
+        vec3 light = continues ? vec3(0) : sbl_light_of(leaf);
+        sbl_add_stored(leaf, continues ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
 #ifdef SBL_SPECULAR
-        // The lobe of the hit continues the ray; the diffuse part reflects stored light.
+        // The lobe of the hit continues the ray; the diffuse component reflects stored light.
         if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
@@ -124,17 +126,17 @@ const int SBL_SEGMENTS = 1;
 // The ray that is traced, and sums over the rays of the invocation
 vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced
 float limit;                          // the segment ends at this length
-vec3 way = vec3(0);                   // direction of the first segment
+vec3 first_direction = vec3(0);       // direction of the first segment
 vec2 u;                               // point of the unit square that gives this direction
 float weight = 0.0;                   // weight of the ray
 vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 
-// Begins the ray of a look at point u of the unit square. every: factor of the ray's light. Returns false if the
-// ray starts below the horizon, where it finds no light.
-bool sbl_begin(int look, float every) {
+// Begins the ray of a look at point u of the unit square. ray_weight: factor of the ray's light. Returns false if
+// the ray starts below the horizon, where it finds no light.
+bool sbl_begin(int look, float ray_weight) {
     mat3 frame = sbl_frame(sbl_look_normal(look));
     from = sbl_look_position(look);
-    weight = every;
+    weight = ray_weight;
 #ifdef SBL_SPECULAR
     ray_density = 0.0;
 #endif
@@ -148,7 +150,7 @@ bool sbl_begin(int look, float every) {
     int guide = int(sbl_look_which(look) >> SBL_LOOK_GUIDE_SHIFT);
     weight = sbl_guide(guide, u);
 #endif
-    direction = sbl_by_cosine(frame, u * vec2(spread, 1.0));
+    direction = sbl_by_cosine(frame, u * vec2(hemisphere, 1.0));
 #ifdef SBL_SEES_MIRRORED
     for (int once = 0; once < (to_mirrored ? 1 : 0); once++) {
         direction = sbl_mirrored_sample(u_mirrored);
@@ -167,12 +169,12 @@ bool sbl_begin(int look, float every) {
 #endif
     throughput = vec3(weight);
 #ifdef SBL_LOBE
-    for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
-    throughput *= spread > 0.0 ? every * lobe_scale : vec3(1);
+    for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
+    throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);
     ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
     glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
-    way = direction;
+    first_direction = direction;
     limit = ray_length;
 #ifdef SBL_LOBE
     return max(throughput.r, max(throughput.g, throughput.b)) > 0.0;
@@ -184,7 +186,7 @@ bool sbl_begin(int look, float every) {
 }
 
 // Traces the current segment, whose index is `segment`, and adds the light that it finds to `sum`. hit and
-// material receive what it hits. Returns true if the ray goes on from there.
+// material receive what it hits. Returns true if the ray continues from there.
 bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
     throughput *= sbl_tint;
@@ -208,15 +210,15 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
 #ifdef SBL_SPECULAR
     arriving = direction;
 #endif
-    bool goes_on;
-    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, goes_on,
+    bool continues;
+    sum.rgb += throughput * sbl_radiance(hit, position, segment == 0, segment == SBL_SEGMENTS - 1, continues,
                                          material);
     if (segment == 0) {
         sum.a += hit.back ? weight : 0.0;
         hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
         hits.z = min(hits.z, hit.distance);
     }
-    return goes_on;
+    return continues;
 }
 
 #ifdef SBL_BOUNCED
@@ -227,7 +229,7 @@ uint sbl_ray_hash(uvec2 scramble, int number) {
 
 // Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.
 // hash: source of the random numbers. Returns false if the next segment would carry no light.
-bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
+bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
     from = next.from;
     sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
@@ -247,28 +249,29 @@ bool sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash) {
 
 #ifdef SBL_POOLED
 // On a software renderer, a workgroup is a vector of invocations that run in lockstep. All of them execute the
-// long code of sbl_go_on if one ray goes on, and even if none does. The rays that go on are therefore collected in
-// a pool. The invocations take rays from it, so that each execution of the code serves a full vector. One pool
-// holds rays at their first hit, another holds rays at their second. The terms of the light of each ray are kept:
-// the invocation that owns the ray adds them in the same order as without pools, so that sums have the same bits.
+// long code of sbl_continue_ray if one ray continues, and even if none does. The rays that continue are therefore
+// collected in a pool. The invocations take rays from it, so that each execution of the code serves a full vector.
+// One pool holds rays at their first hit, another holds rays at their second. The terms of the light of each ray
+// are kept: the invocation that owns the ray adds them in the same order as without pools, so that sums have the
+// same bits.
 const int SBL_POOL = SBL_POOL_RAYS * SBL_LOCKSTEP;  // number of rays of a workgroup
-// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray goes on adds
-// two: one is the light of a lamp, and the next segment finds the other.
+// The light of a ray is a sum of this many terms. The first segment finds one. Each hit where the ray continues
+// adds two: one is the light of a lamp, and the next segment finds the other.
 const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;
 shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool
-shared vec4 pool_ways[2 * SBL_POOL];         // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
+shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
 shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2
 shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
 shared uint pool_hashes[2 * SBL_POOL];
 shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe
 shared vec3 pool_terms[SBL_TERMS * SBL_POOL];
-shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that went on
+shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued
 shared int pool_lost;                        // 1: an invocation has lost rays
 
 // Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup
 void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
     int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);
-    pool_ways[at] = vec4(direction, hit.b1);
+    pool_directions[at] = vec4(direction, hit.b1);
     pool_throughputs[at] = vec4(throughput, hit.b2);
     pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
     pool_hashes[at] = hash;
@@ -278,12 +281,12 @@ void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
 #endif
 }
 
-// Lets the ray at a place of a pool go on with this segment.
+// Continues a ray of the pool by this segment. at: index of the ray in the pool
 void sbl_take(int at, int segment) {
     int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;
-    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_ways[at].w,
+    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,
                           pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);
-    direction = pool_ways[at].xyz;
+    direction = pool_directions[at].xyz;
     throughput = pool_throughputs[at].rgb;
     chance_least = pool_chances[at].x;
 #ifdef SBL_LOBE
@@ -295,12 +298,12 @@ void sbl_take(int at, int segment) {
     uint hash = pool_hashes[at];
     int term = SBL_TERMS * ray + 2 * segment;
     sum.rgb = vec3(0);
-    bool goes_on = sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));
+    bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));
     pool_terms[term - 1] = sum.rgb;
     sum.rgb = vec3(0);
-    if (goes_on) goes_on = sbl_follow(segment, hit, material);
+    if (continues) continues = sbl_follow(segment, hit, material);
     pool_terms[term] = sum.rgb;
-    if (goes_on) sbl_pool(segment, hit, ray, hash);
+    if (continues) sbl_pool(segment, hit, ray, hash);
     atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);
     sbl_steps = steps;  // they count for the owner of the ray alone
 }
@@ -319,16 +322,16 @@ void main() {
     vec3 normal = sbl_look_normal(look);
     uvec2 scramble = sbl_look_scramble(look);
 #ifdef SBL_SEES_MIRRORED
-    if (spread > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
+    if (hemisphere > 0.0) sbl_mirrored_begin(sbl_look_position(look), normal);
 #endif
     int number = int(sbl_look_which(look) & SBL_LOOK_NUMBER), skip = number * rays;
     int end = no_light && number > 0 || outside ? 0 : rays;
-    float every = 1.0;  // factor of each ray's light
+    float ray_weight = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
     sbl_lobe_begin(look, normal);
-    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
+    if (lobe.alpha == 0.0 && hemisphere > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
         end = min(end, SBL_MIRROR_RAYS);
-        every = float(rays) / float(SBL_MIRROR_RAYS);
+        ray_weight = float(rays) / float(SBL_MIRROR_RAYS);
     }
 #endif
 
@@ -338,7 +341,7 @@ void main() {
 #endif
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
     vec4 even = vec4(0);
-    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
+    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
 #ifdef SBL_POOLED
     int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;
@@ -347,17 +350,18 @@ void main() {
     pool_steps[mine] = 0;
     memoryBarrierShared();
     barrier();
-    for (int i = part << paired; i < end; i = (part + (all >> paired) * parts << paired) + (all & paired)) {
+    for (int i = block << paired; i < end;
+         i = (block + (all >> paired) * block_count << paired) + (all & paired)) {
         int ray = first + all++;
         u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
         for (int term = 0; term < SBL_TERMS; term++) pool_terms[SBL_TERMS * ray + term] = vec3(0);
         sbl_Hit hit;
         sbl_Material material;
-        bool goes_on = sbl_begin(look, every);
+        bool continues = sbl_begin(look, ray_weight);
         sum.rgb = vec3(0);
-        if (goes_on) goes_on = sbl_follow(0, hit, material);
+        if (continues) continues = sbl_follow(0, hit, material);
         pool_terms[SBL_TERMS * ray] = sum.rgb;
-        if (goes_on) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));
+        if (continues) sbl_pool(0, hit, ray, sbl_ray_hash(scramble, skip + i));
     }
     for (int segment = 1; segment < SBL_SEGMENTS; segment++) {
         memoryBarrierShared();
@@ -379,28 +383,28 @@ void main() {
     sbl_steps += pool_steps[mine];
     if (outside) return;
 #else
-    for (int k = 0, i = part << paired; i < end;
-         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
+    for (int k = 0, i = block << paired; i < end;
+         k++, i = (block + (k >> paired) * block_count << paired) + (k & paired)) {
         vec3 before = sum.rgb;
         u = sbl_unit_square(texelFetch(sbl_sequence, skip + i).xy ^ scramble);
-        // Each iteration traces a segment of the ray and, if the ray goes on, a shadow ray from the hit to a lamp.
-        // A separate iteration for the shadow ray would be slower: software renderers execute the whole body in
-        // each iteration.
-        int segments = sbl_begin(look, every) ? SBL_SEGMENTS : 0;
+        // Each iteration traces a segment of the ray and, if the ray continues, a shadow ray from the hit to a
+        // lamp. A separate iteration for the shadow ray would be slower: software renderers execute the whole body
+        // in each iteration.
+        int segments = sbl_begin(look, ray_weight) ? SBL_SEGMENTS : 0;
         for (int segment = 0; segment < segments; segment++) {
             sbl_Hit hit;
             sbl_Material material;
-            bool goes_on = sbl_follow(segment, hit, material);
+            bool continues = sbl_follow(segment, hit, material);
 #ifdef SBL_SPECULAR
             chance_least = 0.0;
 #endif
-            if (!goes_on) break;
+            if (!continues) break;
 #ifdef SBL_BOUNCED
             uint hash = sbl_ray_hash(scramble, skip + i);
-            if (!sbl_go_on(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;
+            if (!sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment)))) break;
 #endif
         }
-        vec4 to_harmonics = sbl_harmonics(way, normal, sbl_stratum_reciprocal(u.x));
+        vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));
         harmonics += outerProduct(to_harmonics, sum.rgb - before);
         even -= weight * to_harmonics;
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
@@ -409,7 +413,7 @@ void main() {
     }
 #endif
     if (counts_steps) hits.y = float(sbl_steps);
-    vec4 inspected = vec4(way, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);
+    vec4 inspected = vec4(first_direction, hits.x == 0.0 ? 0.0 : sum.a > 0.0 ? -hits.z : hits.z);
     if (paired == 0) sum.a = weight;
     sbl_write(out_sum, sum / float(rays));
     bool lost = sbl_cut_short();
@@ -426,6 +430,6 @@ void main() {
     sbl_write_layers(layers);
 #endif
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(parts) + even / float(rays));
+    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));
 #endif
 }

@@ -2518,7 +2518,7 @@ TEST(misspelled_options_are_recognised) {
 /* A message about a value describes the allowed values, with numbers as people write them. */
 TEST(messages_show_what_values_look_like) {
     static const struct { const char *option, *value, *words; } lines[] = {
-        { "--error", "3", "--error 3: the value must be a share, such as 2% or 0.02, from 0.01% to 100%\n" },
+        { "--error", "3", "--error 3: the value must be a fraction, such as 2% or 0.02, from 0.01% to 100%\n" },
         { "--sky", "blue", "must be three numbers R,G,B from 0 to 1e30, or a picture file such as noon.hdr\n" },
         { "--eye", "1,2", "must be three numbers X,Y,Z from -1e18 to 1e18\n" },
         { "--size", "640", "must be WxH with whole numbers from 1 to 16384\n" },

@@ -25,14 +25,14 @@ TEST(buffers_of_all_sizes_share_programs) {
     size_t bytes;
     int i;
     for (bytes = 0; bytes < 140000; bytes++) {
-        const size_t room = sbl__buffer_capacity(bytes);
-        CHECK(room >= bytes && room <= bytes + 272 && (room & (room - 1)) && (room >> 8) % 256, "%.0f of %.0f bytes",
-              (double)room, (double)bytes);
+        const size_t capacity = sbl__buffer_capacity(bytes);
+        CHECK(capacity >= bytes && capacity <= bytes + 272 && (capacity & (capacity - 1)) && (capacity >> 8) % 256,
+              "%.0f of %.0f bytes", (double)capacity, (double)bytes);
     }
     for (i = 0; i < 3; i++) {
-        const size_t room = sbl__buffer_capacity(largest[i]);
-        CHECK(room > largest[i] && room <= largest[i] + 272 && (room >> 8) % 256, "%.0f of %.0f bytes", (double)room,
-              (double)largest[i]);
+        const size_t capacity = sbl__buffer_capacity(largest[i]);
+        CHECK(capacity > largest[i] && capacity <= largest[i] + 272 && (capacity >> 8) % 256, "%.0f of %.0f bytes",
+              (double)capacity, (double)largest[i]);
     }
 }
 
@@ -141,17 +141,17 @@ enum { GRID_WIDTH = 12, GRID_HEIGHT = 9 };
 static double values[GRID_WIDTH * GRID_HEIGHT];
 static sbl__rings rings;
 
-static void mean_of_neighbours(void *user, int thing) {
+static void mean_of_neighbours(void *user, int element) {
     double sum = 0, count = 0;
-    size_t place = 0;
+    size_t step = 0;
     int other;
     (void)user;
-    while ((other = sbl__ring_grid(&rings, thing, &place)) >= 0) {
+    while ((other = sbl__ring_grid(&rings, element, &step)) >= 0) {
         if (!sbl__ring_reached(&rings, other)) continue;
         sum += values[other];
         count += 1;
     }
-    values[thing] = sum / count;
+    values[element] = sum / count;
 }
 
 /* Spreads values from the left column over `last` columns, and checks the result. In the left column each value is its
@@ -678,9 +678,9 @@ TEST(sensors_of_other_surfaces_split_no_tile) {
     CHECK(!sbl__tile_differs(&r, &tile), "a sensor of another surface differs");
 }
 
-/* Each division of a cell halves the share of the leaves on both of its sides; a cut along an object does not. A leaf
-   without points has the share 1. */
-TEST(divisions_halve_shares) {
+/* Each division of a cell halves the fraction of the cell that the leaves on both of its sides cover; a cut along an
+   object does not. A leaf without points has the fraction 1. */
+TEST(divisions_halve_fractions) {
     static const float places[4][2] = { { 0.2f, 0.2f }, { 0.7f, 0.2f }, { 0.7f, 0.6f }, { 0.7f, 0.9f } };
     static const float distances[3] = { 0.5f, 0.5f, 0.8f }, expected[4] = { 0.5f, 0.25f, 0.25f, 0.25f };
     static sbl__bounce b;
@@ -722,23 +722,23 @@ TEST(divisions_halve_shares) {
                   fabs((double)sbl__solution_fraction(&b, i) - (double)expected[i]) < 1e-6,
               "leaf %d has the fraction %g", i, (double)sbl__solution_fraction(&b, i));
     states[1].points = 0;
-    CHECK(fabs((double)sbl__solution_fraction(&b, 1) - 1) < 1e-6, "a leaf without points has the share %g",
+    CHECK(fabs((double)sbl__solution_fraction(&b, 1) - 1) < 1e-6, "a leaf without points has the fraction %g",
           (double)sbl__solution_fraction(&b, 1));
 }
 
 /* Stored light does not fit a scene in which the host draws in other bounds. */
 TEST(bounds_of_draws_are_hashed) {
     static sbl__scene scene;
-    uint64_t parts[3][SBL__SAVED_PARTS];
+    uint64_t hashes[3][SBL__SAVED_HASHES];
     int i;
     for (i = 0; i < 3; i++) {
         scene.draw = i ? draws_nothing : NULL;
         scene.draw_bounds[1][2] = (float)i;
-        sbl__saved_scene(&scene, parts[i]);
+        sbl__saved_scene(&scene, hashes[i]);
     }
-    for (i = 0; i < SBL__SAVED_PARTS; i++)
-        CHECK((parts[0][i] == parts[1][i]) == (i != SBL__SAVED_MESHES) &&
-                  (parts[1][i] == parts[2][i]) == (i != SBL__SAVED_MESHES), "part %d of the hash", i);
+    for (i = 0; i < SBL__SAVED_HASHES; i++)
+        CHECK((hashes[0][i] == hashes[1][i]) == (i != SBL__SAVED_MESHES) &&
+                  (hashes[1][i] == hashes[2][i]) == (i != SBL__SAVED_MESHES), "hash %d", i);
 }
 
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
@@ -865,7 +865,7 @@ TEST(settled_hits_are_skipped) {
     CHECK(!sbl__hit_is_settled(&b, &hits[1], 2 * SBL__BOUNCE_RAYS), "a hit in a leaf that may yet be cut is settled");
     b.cut_leaves = 3;
     CHECK(!sbl__hit_is_settled(&b, &hits[2], 0), "the hit in a leaf that lacks points is settled");
-    hits[0].distance = (float)SBL__BOUNCE_AFAR + 1;
+    hits[0].distance = (float)SBL__BOUNCE_LONG + 1;
     CHECK(!sbl__hit_is_settled(&b, &hits[0], 0), "a far hit in a leaf that lacks points is settled");
     hits[0].distance = 0;
     hits[0].current = 0;
@@ -1608,13 +1608,13 @@ TEST(groups_of_meshes_inside_out) {
     static sbl__vertices s;
     static float layer_sums[36], sums[SBL__VERTICES_SUMS];
     static double residual[9];
-    sbl__baked_mesh part;
+    sbl__baked_mesh mesh;
     uint32_t corners[3] = { 0, 1, 2 };
     int neighbours[3], i;
-    memset(&part, 0, sizeof part);
+    memset(&mesh, 0, sizeof mesh);
     for (i = 0; i < 36; i++) layer_sums[i] = (float)(i + 1);
-    s.parts = &part;
-    s.part_count = 1;
+    s.meshes = &mesh;
+    s.mesh_count = 1;
     s.corners = corners;
     s.sums = sums;
     s.layer_sums = layer_sums;
@@ -1622,13 +1622,13 @@ TEST(groups_of_meshes_inside_out) {
     s.solver.residual = residual;
     s.groups = s.layer = 2;
     sums[6] = 1;
-    part.points = 10;
-    for (part.back_points = 4; part.back_points < 7; part.back_points += 2) {
+    mesh.points = 10;
+    for (mesh.back_points = 4; mesh.back_points < 7; mesh.back_points += 2) {
         memset(residual, 0, sizeof residual);
         CHECK(sbl__vertices_next(&s, 0) == SBL_SUCCESS, "no sums");
         for (i = 0; i < 9; i++)
-            CHECK(fabs(residual[i] - (10 + i) - (part.back_points > 5 ? 28 + i : 0)) < 1e-9 &&
-                      neighbours[i / 3] == SBL__VERTICES_LIT, "%g back points: sum %d is %g", part.back_points, i,
+            CHECK(fabs(residual[i] - (10 + i) - (mesh.back_points > 5 ? 28 + i : 0)) < 1e-9 &&
+                      neighbours[i / 3] == SBL__VERTICES_LIT, "%g back points: sum %d is %g", mesh.back_points, i,
                   residual[i]);
     }
 }
@@ -2005,9 +2005,9 @@ TEST(leaves_have_limits) {
     state.most = 4 * SBL__BOUNCE_POINTS;
     store.length = 0.5f;
     store.max_leaves = 1000;
-    at.distance = 0.49f * (float)SBL__BOUNCE_AFAR;
+    at.distance = 0.49f * (float)SBL__BOUNCE_LONG;
     CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "a near hit becomes a further point");
-    at.distance = 0.51f * (float)SBL__BOUNCE_AFAR;
+    at.distance = 0.51f * (float)SBL__BOUNCE_LONG;
     CHECK(sbl__points_most(&b, &at, 0) == 4 * SBL__BOUNCE_POINTS, "a far hit becomes no further point");
     b.black = SBL__BLACK_EQUAL;
     CHECK(sbl__cells_black_most(&b) == 1000, "%d leaves may be black", sbl__cells_black_most(&b));
@@ -2041,7 +2041,7 @@ int main(void) {
     RUN(first_tiles_end_with_the_picture);
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
-    RUN(divisions_halve_shares);
+    RUN(divisions_halve_fractions);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);

@@ -26,6 +26,10 @@ BANNED = {
     'feelers': 'contact rays',
     'looking': 'inspection; looks at, sees',
     'skyless': 'without_sky',
+    'lens': 'kind of looks, sheets',
+    'lenses': 'kinds of looks, sheets',
+    'afar': 'long rays',
+    'goes_on': 'continues',
 }
 BEGINNINGS = 'Of', 'That', 'And'
 
