@@ -1,6 +1,6 @@
 /* Demonstrates the shortest useful bake. It bakes the Cornell box into one lightmap, bake_lightmap.png, in which each
    quad is a chart. A renderer draws albedo * light + emission with this map. The first argument is the folder for the
-   picture. With a second argument, the light is a draft. */
+   picture. With a second argument, the light is a draft with few cells for bounced light. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -25,7 +25,7 @@ int main(int argc, char **argv) {
     static float light[RESOLUTION * RESOLUTION * 3], texcoords[CORNELL_QUADS][8];
     static unsigned char pixels[RESOLUTION * RESOLUTION * 3];
     cornell_box box;
-    const sbl_scene_desc *scene = cornell_box_make(&box);
+    sbl_scene_desc scene = *cornell_box_make(&box);
     const sbl_preset preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT;
     const sbl_lightmap_desc map = {  /* other fields: default */
         .width = RESOLUTION, .height = RESOLUTION, .options.preset = preset };
@@ -37,9 +37,10 @@ int main(int argc, char **argv) {
         chart(i, texcoords[i]);
         box.meshes[i].lightmap_texcoords.data = texcoords[i];
     }
+    if (argc > 2) scene.max_bounce_cells = 2048;
     /* sbl.h prints error messages to stderr */
     if (sbl_create(headless("bake_lightmap"), &context) != SBL_SUCCESS) return 1;
-    ok = sbl_set_scene(context, scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &map) == SBL_SUCCESS &&
+    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &map) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, light, RESOLUTION * RESOLUTION * 3) == SBL_SUCCESS;
     stats = sbl_query_stats(context);
     sbl_destroy(context);

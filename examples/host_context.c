@@ -3,7 +3,8 @@
    Each frame draws a shape and then gives sbl.h a slice of time. The unfinished picture is drawn next to the shape,
    directly from its texture; it becomes sharper with each level. A bar over it shows the progress. The program sets its
    own GL state only once, because sbl.h restores all state that it changes. The last frame is written to
-   host_context.png; the first argument is the folder for it. */
+   host_context.png; the first argument is the folder for it. With a second argument, the picture is a quarter as wide
+   and high, is drawn larger, and has few cells for bounced light. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "cornell_box.h"
@@ -104,15 +105,17 @@ static sbl_gl_function gl_function(const char *name, void *user) {
     return host_gl_function(name);
 }
 
-static int run(sbl_context *context) {
+static int run(sbl_context *context, int size) {
     sbl_picture_desc view = { 0 };
     cornell_box box;
+    sbl_scene_desc scene = *cornell_box_make(&box);
     int frame, seen = 0;
     sbl_result result = SBL_UNFINISHED;
-    cornell_box_view(&view, PICTURE, PICTURE);
+    cornell_box_view(&view, size, size);
     view.options.preset = SBL_PRESET_DRAFT;
     view.samples = 4;
-    if (sbl_set_scene(context, cornell_box_make(&box)) != SBL_SUCCESS) return 0;
+    if (size < PICTURE) scene.max_bounce_cells = 2048;
+    if (sbl_set_scene(context, &scene) != SBL_SUCCESS) return 0;
     if (sbl_begin_picture(context, &view) != SBL_SUCCESS) return 0;
     for (frame = 0; result == SBL_UNFINISHED; frame++) {
         GLuint texture;
@@ -135,7 +138,8 @@ int main(int argc, char **argv) {
     int ok = 0;
     if (!host_gl_open("host_context")) return 1;
     desc.get_gl_function = gl_function;
-    if (host_start() && sbl_create(&desc, &context) == SBL_SUCCESS) ok = run(context);  /* sbl.h prints errors */
+    if (host_start() && sbl_create(&desc, &context) == SBL_SUCCESS)
+        ok = run(context, argc > 2 ? PICTURE / 4 : PICTURE);  /* sbl.h prints error messages to stderr */
     gl.ReadPixels(0, 0, WIDTH, HEIGHT, GL_RGB, GL_UNSIGNED_BYTE, pixels);
     sbl_destroy(context);
     host_stop();

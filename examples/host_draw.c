@@ -3,7 +3,8 @@
    room, and the room lights the slabs.
 
    See sbl_draw_view in sbl.h for the duties of the shaders of a callback. The picture is written to host_draw.png; the
-   first argument is the folder for it. With a second argument, --bare, the slabs are omitted. */
+   first argument is the folder for it. With a further argument, --bare, the slabs are omitted; with another one, draft,
+   the picture is half as wide and high. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "host_gl.h"
@@ -118,6 +119,8 @@ static const float room_corners[] = {  /* floor, back wall, left wall and lamp, 
     -3, 0, 3,    -3, 0, -2,  -3, 3, -2,  -3, 3, 3,
     -1.2f, 3, 0.2f,   0.3f, 3, 0.2f,   0.3f, 3, 1.7f,   -1.2f, 3, 1.7f };
 
+static int width = WIDTH, height = HEIGHT;
+
 static int render(sbl_context *context, slabs *s, float *picture) {
     static const unsigned short quad[6] = { 0, 1, 2, 0, 2, 3 };
     sbl_material materials[2] = { { .albedo = { 0.7f, 0.7f, 0.7f } }, { .emission = { 7, 7, 7 } } };
@@ -147,14 +150,14 @@ static int render(sbl_context *context, slabs *s, float *picture) {
         scene.draw_bounds[1][1] = 0.2f + 0.085f * SLABS;
         scene.draw_max_radiance = slab_glow[0];
     }
-    view.width = WIDTH;
-    view.height = HEIGHT;
+    view.width = width;
+    view.height = height;
     view.options.preset = SBL_PRESET_DRAFT;  /* cheap: the callback runs five times per sensor */
     view.samples = 4;
     sbl_look_at(view.world_to_view, 0.6f, 1.7f, 5.2f, 0, 1, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 34, (float)WIDTH / HEIGHT);
     return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
-           sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
+           sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, (size_t)(width * height * 3)) == SBL_SUCCESS;
 }
 
 static sbl_gl_function gl_function(const char *name, void *user) {
@@ -165,11 +168,17 @@ static sbl_gl_function gl_function(const char *name, void *user) {
 int main(int argc, char **argv) {
     static float picture[WIDTH * HEIGHT * 3];
     static unsigned char pixels[WIDTH * HEIGHT * 3];
-    int bare = argc > 2 && strcmp(argv[2], "--bare") == 0, ok = 0, i, k;
+    int bare = 0, draft = 0, ok = 0, i, k;
     slabs s = { { { 0, 0 }, { 0, 0 } }, 0 };
     sbl_context_desc desc = { 0 };
     sbl_context *context = NULL;
     char path[1024];
+    for (i = 2; i < argc; i++) {
+        bare |= strcmp(argv[i], "--bare") == 0;
+        draft |= strcmp(argv[i], "draft") == 0;
+    }
+    width >>= draft;
+    height >>= draft;
     if (!host_gl_open("host_draw")) return 1;
     desc.get_gl_function = gl_function;
     if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h prints error messages to stderr */
@@ -183,8 +192,8 @@ int main(int argc, char **argv) {
     gl.DeleteVertexArrays(1, &s.vertex_array);
     host_gl_close();
     if (!ok) return 1;
-    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
+    sbl_encode_srgb8(pixels, picture, (size_t)(width * height * 3), 1);
     snprintf(path, sizeof path, "%s/host_draw.png", argc > 1 ? argv[1] : ".");
-    if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
+    if (stbi_write_png(path, width, height, 3, pixels, 0)) return 0;
     return fprintf(stderr, "host_draw: cannot write %s\n", path), 1;
 }

@@ -1,6 +1,6 @@
 /* Demonstrates every kind of light in one picture each, and the penumbra of a large lamp at each preset. Below the
    pictures of the penumbra, the rays of four sensors are drawn; those that are blocked on their way to the lamp are
-   red. The first argument is the folder for the pictures. With a second argument, the pictures are a quarter as wide
+   red. The first argument is the folder for the pictures. With a second argument, the pictures are an eighth as wide
    and high, bounced light has few cells, and the pictures of the kinds are drafts. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
@@ -210,7 +210,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
-    if (argc > 2) shrink = 4;
+    if (argc > 2) shrink = 8;
     if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints error messages to stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], preset, folder);

@@ -1,7 +1,7 @@
 /* Demonstrates light at arbitrary points, here the vertices of a finely divided Cornell box. sbl_gather_readings
    measures light at points with normals. vertex_light.ply is the mesh with its light as vertex colours, for any model
    viewer; vertex_light.png is a picture of it. The first argument is the folder for the files. With a second argument,
-   the light is a draft. */
+   the light is a draft with few rays and few cells for bounced light. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -140,16 +140,19 @@ static int picture_make(sbl_context *context) {
 int main(int argc, char **argv) {
     const char *folder = argc > 1 ? argv[1] : ".";
     const sbl_readings_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES,
-                                       .options.preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT };
+                                       .options.preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT,
+                                       .options.rays = argc > 2 ? 16 : 0 };
     sbl_context *context;
     cornell_box box;
+    sbl_scene_desc scene = *cornell_box_make(&box);
     char path[1024];
     FILE *file = ply_open(folder);
     int i, hidden = 0, ok;
     if (!file) return 1;
     vertices_make();
+    if (argc > 2) scene.max_bounce_cells = 2048;
     if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
-    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
+    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS &&
          sbl_gather_readings(context, &gather) == SBL_SUCCESS;
     if (ok) {
         for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);

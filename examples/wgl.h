@@ -6,6 +6,9 @@
 #ifndef WGL_H
 #define WGL_H
 
+#ifndef WIN32_LEAN_AND_MEAN
+  #define WIN32_LEAN_AND_MEAN  /* omits headers that this file does not need */
+#endif
 #include <windows.h>
 #include <GL/glcorearb.h>
 #include <GL/wglext.h>

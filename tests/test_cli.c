@@ -1927,7 +1927,7 @@ TEST(a_missed_target_is_said) {
               said(" %, 1.5 % was asked for: the default limit of rays per sensor was reached; --target-error 1.5% "
                    "allows more"), "rays: exit status %d: %s",
           ran.status, ran.err);
-    CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
+    CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "--size", "6x4", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
               said("the maximum number of rays per sensor was reached; a larger --filter-radius"),
           "all rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
@@ -1935,8 +1935,7 @@ TEST(a_missed_target_is_said) {
           "--rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--target-error", "20%", "-o", "room.pfm") == 0 && !ran.err[0], "a target that was reached: %s",
           ran.err);
-    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--quiet", "-o", "room.pfm") == 0 && !ran.err[0], "--quiet: %s",
-          ran.err);
+    CHECK(TOOL(ROOM, RASTER, "--quiet", "-o", "room.pfm") == 0 && !ran.err[0], "--quiet: %s", ran.err);
     CHECK(TOOL(ROOM, "--mode", "paper", "-o", "room.pfm") == 0 && !ran.err[0], "mode paper: %s", ran.err);
 }
 
@@ -2215,7 +2214,7 @@ TEST(broken_sky_pictures_are_refused) {
     size = fread(whole, 1, sizeof whole, in);
     fclose(in);
     REQUIRE(size == (size_t)info.st_size && size > 400, "%d bytes of it", (int)size);
-    for (i = 1; i < 20; i++) {  /* a reader that misses the end of the file would loop forever */
+    for (i = 1; i < 20; i += 3) {  /* a reader that misses the end of the file would loop forever */
         write_file("cut.hdr", whole, size * i / 20);
         TOOL("lone.obj", SMALL, "--size", "8x8", "--sky", "cut.hdr", "-o", "refused.png");
         snprintf(shown, sizeof shown, "%d bytes of %d", (int)(size * i / 20), (int)size);
@@ -2311,12 +2310,14 @@ TEST(collected_hostile_files) {
 
 /* When a write fails, the old file remains, and no temporary file is left. */
 TEST(a_file_is_written_whole_or_not_at_all) {
-    static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "-o", "whole.pfm", NULL };
+    static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "--mode", "direct", "-o",
+        "whole.pfm", NULL };
     static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png",
         NULL };
     static const char *const exr[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.exr",
         NULL };
-    static const char *const link_to[] = { "room.obj", "--size", "8x8", SMALL, "-o", "link.pfm", NULL };
+    static const char *const link_to[] = { "room.obj", "--size", "8x8", SMALL, "--mode", "direct", "-o", "link.pfm",
+        NULL };
     static const char *const *const all[] = { arguments, png, exr };
     static const char *const names[] = { "whole.pfm", "whole.png", "whole.exr" };
     char text[64], stats[4096];
@@ -2541,34 +2542,37 @@ TEST(messages_show_what_values_look_like) {
 
 /* One warning names the options without effect, and no others. */
 TEST(options_without_effect_are_named) {
-    static const char *const lines[][8] = {
-        { "--sensor-size (rays", "--sensor-size", "8" },
-        { "--samples (only", "--samples", "4", "--channel", "radiance" },
-        { "--exposure (only a .png", "--exposure", "1", "-o", "idle.pfm" },
-        { "--exposure (only final", "--exposure", "1", "--channel", "normal" },
-        { "--tone (only channel final", "--tone", "agx", "--channel", "radiance" },
-        { "--target-error (--rays and --tile", "--error", "9%", "--rays", "16", "--tile", "1" },
-        { "--target-error (the channel", "--error", "0.2%", "--channel", "depth" },
-        { "--seed (the channel", "--seed", "2", "--channel", "normal" },
-        { "--light-scale (the file has no lights", "--light-scale", "2" },
-        { "--threshold (--tile", "--threshold", "0.1", "--tile", "1" },
-        { "--target-error (--rays and --threshold", "--error", "9%", "--rays", "16", "--threshold", "1" },
-        { "--max-bounce-cells (only", "--max-bounce-cells", "2048", "--mode", "direct" },
-        { "--rays (", "--rays", "16", "--mode", "paper" },
-        { "--seed (", "--seed", "1", "--mode", "paper" },
-        { "--target-error (in", "--error", "9%", "--mode", "paper" },
-        { NULL, "--error", "9%", "--rays", "16" },
-        { NULL, "--sensor-size", "8", "--backend", "raster", "--error", "9%" },
-        { NULL, "--sensor-size", "8", "--mode", "paper", "--threshold", "0.1" },
-        { NULL, "--exposure", "1", "--channel", "radiance" } };
+    /* options of one picture, of which up to three have no effect, and a part of the message on each */
+    static const struct { const char *words[3], *options[8]; } lines[] = {
+        { { "--sensor-size (rays" }, { "--sensor-size", "8" } },
+        { { "--samples (only", "--tone (only channel final" }, { "--samples", "4", "--tone", "agx", "--channel",
+            "radiance" } },
+        { { "--exposure (only a .png" }, { "--exposure", "1", "-o", "idle.pfm" } },
+        { { "--exposure (only final", "--seed (the channel" }, { "--exposure", "1", "--seed", "2", "--channel",
+            "normal" } },
+        { { "--target-error (--rays and --tile" }, { "--error", "9%", "--rays", "16", "--tile", "1" } },
+        { { "--target-error (the channel" }, { "--error", "0.2%", "--channel", "depth" } },
+        { { "--light-scale (the file has no lights" }, { "--light-scale", "2" } },
+        { { "--max-bounce-cells (only" }, { "--max-bounce-cells", "2048", "--mode", "direct" } },
+        { { "--threshold (--tile" }, { "--threshold", "0.1", "--tile", "1" } },
+        { { "--target-error (--rays and --threshold" }, { "--error", "9%", "--rays", "16", "--threshold", "1" } },
+        { { "--rays (", "--seed (", "--target-error (in" }, { "--rays", "16", "--seed", "1", "--error", "9%", "--mode",
+            "paper" } },
+        { { NULL }, { "--error", "9%", "--rays", "16" } },
+        { { NULL }, { "--sensor-size", "8", "--backend", "raster", "--error", "9%" } },
+        { { NULL }, { "--sensor-size", "8", "--mode", "paper", "--threshold", "0.1" } },
+        { { NULL }, { "--exposure", "1", "--channel", "radiance" } } };
     size_t i;
+    int k;
     room_obj();
     for (i = 0; i < sizeof lines / sizeof *lines; i++) {
-        const char *const *line = lines[i] + 1;
-        CHECK(TOOL("room.obj", "--sky", "1,1,1", "--size", "8x8", "-o", "idle.png", line[0], line[1], line[2], line[3],
-                   line[4], line[5]) == 0, "%s: %s", line[0], ran.err);
-        CHECK(lines[i][0] ? ran.err_lines == 1 && said("warning: no effect: ") && said(lines[i][0]) : !ran.err[0],
-              "%s %s: %s", line[0], line[2] ? line[2] : "", ran.err);
+        const char *const *o = lines[i].options;
+        CHECK(TOOL("room.obj", "--sky", "1,1,1", "--size", "8x8", "-o", "idle.png", o[0], o[1], o[2], o[3], o[4], o[5],
+                   o[6], o[7]) == 0, "%s: %s", o[0], ran.err);
+        CHECK(lines[i].words[0] ? ran.err_lines == 1 && said("warning: no effect: ") : !ran.err[0], "%s %s: %s", o[0],
+              o[2] ? o[2] : "", ran.err);
+        for (k = 0; k < 3 && lines[i].words[k]; k++)
+            CHECK(said(lines[i].words[k]), "%s, %s: %s", o[0], lines[i].words[k], ran.err);
     }
     CHECK(TOOL("room.obj", "--size", "8x8", "-o", "idle.pfm", "--sensor-size", "8", "--rays", "8", "--tile", "1",
                "--threshold", "1") == 0 && ran.err_lines == 1 && said("--sensor-size (") && said(", --threshold ("),
@@ -2685,7 +2689,7 @@ int main(int argc, char **argv) {
     RUN(messages_show_what_values_look_like);
     RUN_PLAIN(options_without_effect_are_named);
     RUN(choices_are_printed);
-    RUN(wrong_usage_gives_status_2);
+    RUN_PLAIN(wrong_usage_gives_status_2);
     RUN(failures_give_status_1);
     RUN(messages_name_no_fields);
     RUN(obj_materials_and_textures);
@@ -2705,7 +2709,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(every_channel_is_written);
     RUN(surfaces_need_no_light);
     RUN(exr_is_written_or_refused);
-    RUN(windows_are_parts_of_the_picture);
+    RUN_PLAIN(windows_are_parts_of_the_picture);
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
@@ -2722,15 +2726,15 @@ int main(int argc, char **argv) {
     RUN(a_light_of_many_nodes);
     RUN(spots_of_gltf);
     RUN(lights_of_other_formats);
-    RUN(broken_lights_are_left_out);
+    RUN_PLAIN(broken_lights_are_left_out);
     RUN_PLAIN(units_of_blender);
-    RUN(substitutions_are_named);
+    RUN_PLAIN(substitutions_are_named);
     RUN(dropped_parts_of_gltf_are_named);
     RUN(cameras_and_units_are_named);
     RUN(the_converter_names_what_it_drops);
     RUN(missing_mtl_files_are_named);
-    RUN(materials_can_be_matte);
-    RUN(normal_maps_are_shown);
+    RUN_PLAIN(materials_can_be_matte);
+    RUN_PLAIN(normal_maps_are_shown);
     RUN_PLAIN(a_missed_target_is_said);
     RUN_PLAIN(advice_on_a_missed_target_helps);
     RUN(sky_pictures);

@@ -443,7 +443,7 @@ int main(int argc, char **argv) {
     RUN(parts_of_a_list);
     RUN(parts_of_vertices);
     RUN(parts_with_light_groups);
-    RUN(parts_with_bounced_light);
+    RUN_PLAIN(parts_with_bounced_light);
     RUN(parts_are_valid_files);
     RUN(wrong_probes_are_refused);
     RUN(the_form_of_probes_is_checked);

@@ -39,16 +39,6 @@ beside() {
     case " $* " in *" -fsyntax-only "*) return ;; esac
     "$1" "$folder/beside.o" -o "$folder/beside"
 }
-# beside_all NAME COMPILER...: tests all orders. SBL_STATIC is tested without windows.h only, because it changes neither
-# the included headers nor their order.
-beside_all() {
-    ways=$1
-    shift
-    check "${ways}_alone" beside none "$@"
-    mv "$folder/beside.o" "$folder/${ways}_alone.o"
-    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC -fsyntax-only
-    for order in first last; do check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only; done
-}
 
 # macros FLAGS...: lists the macros that are defined at the end of a file of includes, which is read from stdin
 macros() {
@@ -78,9 +68,9 @@ leaves_no_macros() {
     comm -13 "$folder/own" "$folder/macros" | grep -v '^SBL_' > "$folder/strangers"
     nothing "$folder/strangers"
 }
-# reads the object that the test ${target}_c_alone leaves, which also has main
+# reads the object that the test ${target}_c_alone leaves, which also contains main
 exports_only() {
-    "$target-w64-mingw32-nm" "$folder/${target}_c_alone.o" |
+    "$target-w64-mingw32-nm" "$folder/beside.o" |
         awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
     grep -qx sbl_render_picture "$folder/exports" || return
     grep -v '^sbl_[a-z]' "$folder/exports" | grep -vx main > "$folder/strangers"
@@ -92,12 +82,12 @@ links() {
     source=$1 linked=$2
     shift 2
     case $target in
-        i686) set -- -fsyntax-only "$source" ;;
+        i686) set -- -fsyntax-only -DSBL_IMPLEMENTATION_INCLUDED "$source" ;;
         *) set -- "$source" "$@" -lopengl32 -lgdi32 -o "$linked" ;;
     esac
     "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$@"
 }
-gl_types() { "$@" -std=c99 $warnings -Wno-unused -fsyntax-only tests/header/gl_types.c; }
+gl_types() { "$@" -std=c99 $warnings -Wno-unused -DWIN32_LEAN_AND_MEAN -fsyntax-only tests/header/gl_types.c; }
 snippet() {
     {
         cat "$folder/wgl.c"
@@ -113,7 +103,8 @@ windows_program() { links tests/header/windows.c "$folder/windows.exe" -O1 -fno-
 # because i686_c_alone compiles and links sbl.h itself.
 examples() {
     case $target in i686)
-        i686-w64-mingw32-gcc -std=c99 $warnings -idirafter /usr/include -fsyntax-only examples/minimal.c
+        i686-w64-mingw32-gcc -std=c99 $warnings -idirafter /usr/include -DSBL_IMPLEMENTATION_INCLUDED -fsyntax-only \
+            examples/minimal.c
         return ;;
     esac
     CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
@@ -132,22 +123,26 @@ for target in i686 x86_64; do
         continue
     fi
     # The orders matter because of the macros of windows.h, which no_macro_is_a_name compares for both targets. For 32
-    # bits, one order in C and one in C++ are enough to find other sizes of types and other calling conventions.
+    # bits, one order in C and one in C++ are enough to find other sizes of types and other calling conventions. For 64
+    # bits, each order is tested in C and in C++, once with all of windows.h and once with its lean form. SBL_STATIC
+    # changes neither the included headers nor their order.
+    cpp="$target-w64-mingw32-g++ -std=c++11 -x c++"
     if [ "$target" = i686 ]; then
-        check i686_c_alone beside none i686-w64-mingw32-gcc -std=c99
-        mv "$folder/beside.o" "$folder/i686_c_alone.o"
-        check i686_cpp_windows_h_first beside first i686-w64-mingw32-g++ -std=c++11 -x c++ -fsyntax-only
+        check i686_cpp_windows_h_first beside first $cpp -fsyntax-only
     else
-        beside_all "${target}_c" "$target-w64-mingw32-gcc" -std=c99
-        for order in first last; do
-            check "${target}_lean_windows_h_$order" beside $order "$target-w64-mingw32-gcc" -std=c99 \
-                -DWIN32_LEAN_AND_MEAN -fsyntax-only
-        done
-        beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
+        check x86_64_c_windows_h_first beside first x86_64-w64-mingw32-gcc -std=c99 -fsyntax-only
+        check x86_64_c_static_lean_windows_h_last beside last x86_64-w64-mingw32-gcc -std=c99 -DSBL_STATIC \
+            -DWIN32_LEAN_AND_MEAN -fsyntax-only
+        check x86_64_cpp_alone beside none $cpp
+        check x86_64_cpp_static_lean_windows_h_first beside first $cpp -DSBL_STATIC -DWIN32_LEAN_AND_MEAN -fsyntax-only
+        check x86_64_cpp_windows_h_last beside last $cpp -fsyntax-only
     fi
+    # the last of these, since exports_only reads its object
+    check "${target}_c_alone" beside none "$target-w64-mingw32-gcc" -std=c99
     if command -v clang > /dev/null; then
-        check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -fsyntax-only
-        check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -fsyntax-only
+        clang="clang -target $target-w64-windows-gnu -fsyntax-only"
+        check "${target}_clang" beside first $clang -std=c99
+        check "${target}_clang_cpp" beside last $clang -std=c++11 -x c++
     else
         skip "${target}_clang" "no clang"
     fi
@@ -157,7 +152,7 @@ for target in i686 x86_64; do
     check "${target}_gl_functions_have_their_types" gl_types "$target-w64-mingw32-gcc"
     check "${target}_examples_compile" examples
     check "${target}_manual_compiles" snippet
-    check "${target}_windows_compiles" windows_program
+    [ "$target" = i686 ] || check x86_64_windows_compiles windows_program
     wine_target=$target  # wine runs the programs of this target
 done
 
@@ -185,7 +180,8 @@ command -v xvfb-run > /dev/null && command -v xauth > /dev/null || display=
 # >>GLFW
 
 glfw_compiles() {
-    gcc -std=c99 $warnings -I . "$folder/glfw.c" $(pkg-config --cflags --libs glfw3) -lm -o "$folder/glfw"
+    gcc -std=c99 $warnings -DSBL_IMPLEMENTATION_INCLUDED -I . "$folder/glfw.c" build/sbl.o \
+        $(pkg-config --cflags --libs glfw3) -lEGL -lm -o "$folder/glfw"
 }
 if pkg-config --exists glfw3 2> /dev/null; then
     check manual_compiles_with_glfw glfw_compiles
