@@ -285,10 +285,8 @@ if [ -x build/sbl_bake ] && [ -f "$folder/baked/scene.gltf" ]; then
     else skip files_of_maps_are_valid "build/engines/node_modules is missing (scripts/setup --test)"; fi
     check one_map_is_chosen refuses_light "$folder/mixed0" "$folder/mixed.gltf" 'choose it with --map'
     node tests/support/unwrap.js bakes "$folder/bad" "$folder/baked" "$folder/mixed.gltf"
-    while read -r name words; do
-        check "refuses_light_$name" refuses_light "$folder/bad/$name" "$out" "$words"
-    done << 'END'
-nowhere no such file
+    check refuses_light_nowhere refuses_light "$folder/bad/nowhere" "$out" 'no such file'
+    while read -r name words; do echo "$folder/bad/$name $out $words"; done << 'END' > "$folder/refused"
 none no material has MOZ_lightmap
 zero intensity .* not valid
 minus intensity .* not valid
@@ -296,9 +294,7 @@ text no glTF
 picture no PNG
 index do not exist
 END
-    while read -r name words; do
-        check "refuses_light_in_$name" refuses_light "$folder/mixed0" "$folder/bad/$name" "$words"
-    done << 'END'
+    while read -r name words; do echo "$folder/mixed0 $folder/bad/$name $words"; done << 'END' >> "$folder/refused"
 place.gltf its place .* not valid
 four.gltf its place .* not valid
 map.gltf its place .* not valid
@@ -310,6 +306,7 @@ textures.gltf no list
 used.gltf no list
 loop.gltf two parents
 END
+    check refuses_bad_light eval 'holds refuses "$folder" < "$folder/refused"'
     check refuses_light_of_another_scene refuses_light "$folder/mixed0" "$out" 'of another scene'
     # a third of the surfaces is where the map expects it
     edited mixed moved 'for (const i of [1, 2]) json.nodes[i].extras.lightmapScaleOffset = [0.3, 0.3, 0.13, 0.17];
@@ -328,9 +325,10 @@ refuses() {
         ! ls "$folder" | grep -q part
 }
 check refuses_a_pipe eval 'mkfifo "$folder/pipe.gltf"; refuses "$folder/pipe.gltf" regular'
-while read -r name words; do check "refuses_$name" refuses "$folder/broken/$name" "$words"; done << 'END'
+check refuses_numbers_that_are_none refuses "$folder/broken/nan.gltf" 'not a number'
+check refuses_a_missing_file refuses "$folder/broken/missing.gltf" 'no such file'
+while read -r name words; do echo "- $folder/broken/$name $words"; done << 'END' > "$folder/refused"
 index.gltf index .* out of range
-nan.gltf not a number
 accessor.gltf do not exist
 count.gltf no valid count
 long.gltf not inside
@@ -358,8 +356,8 @@ cut.gltf JSON is broken
 cut.glb truncated
 empty.gltf JSON is broken
 null.gltf no glTF
-missing.gltf no such file
 END
+check refuses_broken_scenes eval 'holds refuses "$folder" < "$folder/refused"'
 late() { ! scripts/sbl_unwrap "$rich" "$folder/late.glb" --time 1e-3 > "$said" 2>&1; says 'give a number'; }
 check time_has_a_least late
 unwritable() {
