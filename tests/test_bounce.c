@@ -328,7 +328,7 @@ TEST(two_sides_of_a_wall) {
     int i, j, k;
     for (i = 0; i < 9; i++) {
         double alone[2] = { 0, 0 }, both[2] = { 0, 0 };
-        if (i % 3 == 2 ? i != 5 : i % 3 != (i / 3) % 2) continue;  /* each scale with one small number of cells */
+        if (i % 3 != (i / 3) % 2) continue;  /* each scale with one number of cells */
         for (k = 0; k < 3; k++) {
             const float bright = k == 1 ? 0 : 10, dim = k == 0 ? 0 : 0.01f;
             test_scene s = { 0 };
@@ -689,9 +689,16 @@ TEST(a_cube_by_paths) {
 
 /* Makes a cube of edge 1 with a lamp in its middle. The caller adds the wall at x = 0. */
 static void room_but_a_wall(test_scene *s) {
+    static const unsigned char texels[8] = { 255, 255, 255, 255, 255, 255, 255, 0 };
+    static const float outside[12] = { 0, -0.1f, 0, 0.01f, -0.1f, 0, 0.01f, -0.1f, 0.01f, 0, -0.1f, 0.01f };
+    int cloth;
     scene_box(s, scene_material(s, 0.6f, 0.6f, 0.6f), 0, 0, 0, 1, 1, 1);
     s->meshes[0] = s->meshes[--s->mesh_count];
     scene_quad(s, scene_lamp(s, 3, 3, 3), 0.4f, 0.9f, 0.4f, 0.6f, 0.9f, 0.4f, 0.6f, 0.9f, 0.6f, 0.4f, 0.9f, 0.6f);
+    cloth = scene_material(s, 0, 0, 0);  /* all rooms then use the same programs */
+    s->materials[cloth].albedo_texture = scene_texture(s, texels, sizeof texels, SBL_PIXELS_LINEAR8, 2, 1, 4);
+    s->materials[cloth].alpha_cutoff = 0.5f;
+    scene_quad_uv(s, cloth, outside, 1, 1);
 }
 
 static void quarter_of_a_wall(test_scene *s, int material, float y0, float y1, float z0, float z1) {

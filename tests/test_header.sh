@@ -28,7 +28,8 @@ compiles() {
     case " $* " in *" SBL_STATIC "*) sed -i 1d "$folder/unit.c" ;; esac
     # gcc finds unused functions only when it generates code, whereas clang always finds them. Therefore gcc generates
     # code for this purpose only if clang is not installed ($code). Later standards differ only in the code that they
-    # accept. The objects with EGL are always generated: tests below link programs with them and list their symbols.
+    # accept, and C11 differs from C17 only in corrections of its text. The objects with EGL are always generated: tests
+    # below link programs with them and list their symbols.
     # -fno-pie: constants that contain addresses are then not listed as data
     case $compiler,$standard,$* in
         gcc,c99,*_EGL | gcc,c++11,*_EGL) output="-fno-pie -c -o $folder/unit_$standard.o" ;;
@@ -42,7 +43,7 @@ compiles() {
 command -v clang > /dev/null && code=-fsyntax-only || code="-c -o $folder/unit.o"
 for compiler in gcc clang; do
     command -v $compiler > /dev/null || { skip "compiles_with_$compiler" "no $compiler"; continue; }
-    for standard in c99 c11 c17 c++11 c++17; do
+    for standard in c99 c17 c++11 c++17; do
         check "declarations_${compiler}_$standard" compiles $compiler $standard
         check "implementation_egl_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL
         case $standard in c99 | c++11) ;; *) continue ;; esac  # the tests above contain the other standards
@@ -55,13 +56,13 @@ for compiler in gcc clang; do
 done
 
 # A file defines the macros None, Bool, Status, Always, Success, I, major and minor, as other headers do.
-# test_windows.sh tests windows.h.
+# test_windows.sh tests windows.h. clang needs less time than gcc.
 beside_xlib() {
     headers='#include <X11/Xlib.h>\n#include <X11/Xutil.h>\n#include <complex.h>\n#include <sys/sysmacros.h>\n'
     case $1 in first) printf "$headers" > "$folder/xlib.c" ;; *) : > "$folder/xlib.c" ;; esac
     printf '#define SBL_IMPLEMENTATION\n#define SBL_EGL\n#include "sbl.h"\n' >> "$folder/xlib.c"
     case $1 in last) printf "$headers" >> "$folder/xlib.c" ;; esac
-    gcc -std=c99 $warnings -I . -fsyntax-only "$folder/xlib.c"
+    "$(command -v clang || echo gcc)" -std=c99 $warnings -I . -fsyntax-only "$folder/xlib.c"
 }
 if echo '#include <X11/Xlib.h>' | gcc -E -x c - > /dev/null 2>&1; then
     check compiles_after_xlib beside_xlib first
@@ -93,10 +94,11 @@ fi
 
 # >>exported symbols and names
 
-# object FLAGS...: compiles the implementation, and lists its symbols in $folder/symbols
+# object FILE FLAGS...: compiles a file, and lists its symbols in $folder/symbols
 object() {
-    gcc -I . -fno-pie -w "$@" -c -o "$folder/object.o" tests/header/implementation.c &&
-        nm "$folder/object.o" > "$folder/symbols"
+    file=$1
+    shift
+    gcc -I . -fno-pie -w "$@" -c -o "$folder/object.o" "$file" && nm "$folder/object.o" > "$folder/symbols"
 }
 
 # symbols STANDARD: lists the symbols of an object that the tests above left
@@ -110,22 +112,38 @@ exports_only() {
     awk '$2 == "T" { print $3 }' "$folder/symbols" | sort > "$folder/exports"
     [ -s "$folder/exports" ] && nothing "$folder/strangers"
 }
+# A given SBL_API does not change the names of functions in C++. The declarations decide about the names: this file
+# takes the address of each declared function, so that its name is an undefined symbol of the object.
+given_api() {
+    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h |
+        sed -n 's/^SBL_API [^(]*\(sbl_[a-z0-9_]*\)(.*/\1/p' | sort > "$folder/declared"
+    {
+        echo '#include "sbl.h"'
+        echo 'typedef void (*function)(); extern const function functions[]; const function functions[] = {'
+        sed 's/.*/(function)&,/' "$folder/declared"
+        echo '};'
+    } > "$folder/api.cpp"
+    object "$folder/api.cpp" '-DSBL_API=__attribute__((visibility("default")))' &&
+        awk '$1 == "U" { print $2 }' "$folder/symbols" | sort > "$folder/used" && same "$folder/declared" "$folder/used"
+}
+# The private functions remain in this object, because no_stdio lists what they call.
 exports_nothing() {
-    object -DSBL_STATIC && awk '$2 ~ /^[A-Z]$/ && $2 != "U"' "$folder/symbols" > "$folder/strangers" &&
-        nothing "$folder/strangers"
+    object tests/header/implementation.c -fkeep-static-functions -DSBL_STATIC -DSBL_NO_STDIO &&
+        grep -q ' t sbl_render_picture$' "$folder/symbols" &&
+        awk '$2 ~ /^[A-Z]$/ && $2 != "U"' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"
 }
 no_globals() {
     awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"
 }
 no_stdio() {
-    object -DSBL_NO_STDIO &&
+    [ -s "$folder/symbols" ] &&
         awk '$1 == "U" && $2 ~ /^(std(err|out|in)|f?printf|v?fprintf|f?puts|fputc|fwrite|putchar)$/' "$folder/symbols" \
         > "$folder/strangers" && nothing "$folder/strangers"
 }
 check exports_nothing_but_sbl_functions_from_cpp exports_only symbols c++11
-check a_given_api_keeps_c_names exports_only object -x c++ '-DSBL_API=__attribute__((visibility("default")))'
+check a_given_api_keeps_c_names given_api
 check static_exports_nothing exports_nothing
-check no_stdio_writes_nowhere no_stdio
+check no_stdio_writes_nowhere no_stdio  # uses the list that the test before it writes
 check exports_nothing_but_sbl_functions exports_only symbols c99  # the tests below use the lists that this test writes
 check no_mutable_globals no_globals
 
@@ -140,7 +158,8 @@ only_system_includes() {
 }
 # direct FLAGS...: lists the headers that sbl.h itself includes
 direct() {
-    gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u
+    gcc -x c -std=c99 -H -E "$@" sbl.h 2>&1 > "$folder/preprocessed" | sed -n 's/^\. \(.*\)/\1/p' |
+        sed 's/.*include\///' | sort -u
 }
 declarations_include_little() {
     direct > "$folder/direct"
@@ -220,7 +239,8 @@ version_agrees() {
 check version_agrees_everywhere version_agrees
 
 defaults_agree() {
-    gcc -std=c99 $warnings tests/header/defaults.c -lm -o "$folder/defaults" &&
+    gcc -std=c99 $warnings -no-pie tests/header/defaults.c "$folder/unit_c99.o" -lEGL -lm \
+        -o "$folder/defaults" &&
     "$folder/defaults" > "$folder/printed" &&
     python3 tests/tools/defaults.py "$folder/printed"
 }
@@ -232,6 +252,12 @@ linked() {
     gcc -std=c99 $warnings -I . -no-pie -DSBL_IMPLEMENTATION_INCLUDED "$2" "$folder/unit_c99.o" -lEGL -lm -o "$1"
 }
 
+# is_cpp FILE: a program in C compiles as C++, too. The tests above compile the implementation as C++.
+is_cpp() {
+    g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -DSBL_IMPLEMENTATION_INCLUDED \
+        -fsyntax-only "$1"
+}
+
 # Runs the quick start of the manual. Its last line is replaced by one that checks the picture.
 quick_start_runs() {
     sed -n '/^   QUICK START$/,/^   FUNCTIONS$/s/^       //p' "$folder/manual" > "$folder/quick.c"
@@ -239,8 +265,7 @@ quick_start_runs() {
     sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' \
         "$folder/quick.c" > "$folder/quick_look.c"
     cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "the quick start has no line 'return 0;'"; return 1; }
-    g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -fsyntax-only "$folder/quick.c" &&
-    linked "$folder/quick" "$folder/quick_look.c" && "$folder/quick"
+    is_cpp "$folder/quick.c" && linked "$folder/quick" "$folder/quick_look.c" && "$folder/quick"
 }
 check quick_start_compiles_and_draws quick_start_runs
 
@@ -255,7 +280,7 @@ manual_snippets() {
         on && /^       / { text = text substr($0, 8) "\n"; next }
         on { end() }' "$folder/manual"
     {
-        printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n'
+        echo '#include "sbl.h"'
         for code in "$folder"/manual_*.txt; do
             snippet=$(basename "$code" .txt)
             echo "int $snippet(sbl_context *context, float *light, size_t vertex_count);"
@@ -278,7 +303,7 @@ snippet_compiles() {
     code=$1
     if ! grep -q '^ *# *include' "$code"; then
         {
-            printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n#include <stdio.h>\n'
+            printf '#include "sbl.h"\n#include <stdio.h>\n'
             echo 'void snippet(sbl_context *context, sbl_scene_desc scene, sbl_picture_desc picture);'
             echo 'void snippet(sbl_context *context, sbl_scene_desc scene, sbl_picture_desc picture) {'
             echo '(void)context; (void)scene; (void)picture;'
@@ -288,8 +313,7 @@ snippet_compiles() {
         code=$code.wrapped.c
     fi
     if grep -q '^int main' "$code"; then
-        linked "$code.program" "$code" && (cd "$folder" && "$code.program") &&
-        g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -fsyntax-only "$code"
+        linked "$code.program" "$code" && (cd "$folder" && "$code.program") && is_cpp "$code"
     else
         gcc -std=c99 $warnings -Wno-unused -I . -fsyntax-only "$code"
     fi || { cat "$code"; return 1; }
@@ -333,12 +357,18 @@ check words_keep_their_meaning python3 tests/tools/words.py
 # one_material FOLDER: only material.glsl and the section >>material may compute how a surface changes light. Other
 # shaders in the folder must not read fields of a material, and must not multiply by an albedo or by epsilon.
 one_material() {
-    for shader in "$1"/*.glsl; do
-        [ "${shader##*/}" = material.glsl ] || sed 's|//.*||' "$shader" | tr '\n' ' ' | tr ';{}' '\n\n\n' |
-            grep -E -e 'sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION' \
-                -e '(albedo|epsilon).*\*|\*.*(albedo|epsilon)' |
-                sed "s|^|${shader##*/}: |"
-    done > "$folder/strangers"
+    awk '
+        function end(    n, parts, k) {
+            n = split(text, parts, /[;{}]/)
+            for (k = 1; k <= n; k++)
+                if (parts[k] ~ /sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION/ ||
+                        parts[k] ~ /(albedo|epsilon).*\*|\*.*(albedo|epsilon)/)
+                    print file ": " parts[k]
+            text = ""
+        }
+        FNR == 1 { end(); file = FILENAME; sub(/.*\//, "", file) }
+        file != "material.glsl" { sub(/\/\/.*/, ""); text = text $0 " " }
+        END { end() }' "$1"/*.glsl > "$folder/strangers"
     awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } /^\/\* =+ >>[a-z]+$/ { room = $3 }
         on && room !~ />>(check|material)$/ &&
             /(object|objects\[[^]]*\])(->|\.)(albedo|emission)|SBL_MATERIAL_ONE_SIDED/ &&
@@ -347,15 +377,17 @@ one_material() {
     nothing "$folder/strangers"
 }
 check one_place_for_materials one_material shaders_embedded
-# one_material must find such lines
+# one_material must find each of these lines
 material_is_guarded() {
+    rm -rf "$folder/shaders" && cp -r shaders_embedded "$folder/shaders" || return
+    count=0
     for line in 'light = s.material.albedo * light;' 'light *= m.albedo;' \
         'light = texelFetch(sample_albedo, at, 0).rgb * light;' \
         'vec3 e = sbl_object_emission(object);' 'radiance = epsilon * color;'; do
-        rm -rf "$folder/shaders" && cp -r shaders_embedded "$folder/shaders" &&
-            echo "void f() { $line }" >> "$folder/shaders/trace.glsl" || return
-        ! one_material "$folder/shaders" || { echo "not found: $line"; return 1; }
+        echo "void f() { $line }" >> "$folder/shaders/trace.glsl"
+        count=$((count + 1))
     done
+    ! one_material "$folder/shaders" && [ "$(grep -c '^trace.glsl: ' "$folder/strangers")" = $count ]
 }
 check one_place_for_materials_is_guarded material_is_guarded
 # shaders must not contain numbers that C passes to them

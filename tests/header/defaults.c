@@ -2,9 +2,10 @@
        DESCRIPTOR FIELD MODE DRAFT DEFAULT HIGH
    DESCRIPTOR is the name without sbl_ and _desc, MODE the number of the requested sbl_mode. tests/tools/defaults.py
    compares the lines with the comments of the fields. */
-#define SBL_IMPLEMENTATION
 #include "../../sbl.h"
+#include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
@@ -28,7 +29,7 @@ static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL
 
 /* Returns the vertical field of view in degrees, rounded to 4 decimals, as the comment in sbl.h states it. */
 static double fov_y(const sbl_picture_desc *d) {
-    return floor(2e4 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI + 0.5) / 1e4;
+    return floor(2e4 * atan(1 / (double)d->view_to_clip[5]) * 180 / 3.14159265358979323846 + 0.5) / 1e4;
 }
 
 static void picture(sbl_mode mode) {

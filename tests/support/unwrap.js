@@ -1,6 +1,6 @@
 // For tests/test_unwrap.sh: makes scenes, and checks the results of sbl_unwrap. It shares no code with sbl_unwrap.
-// usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED | same|dense|wide|apart|light|lit|places|kept
-// ARGUMENTS...
+// usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED | refuses FOLDER |
+// same|dense|wide|apart|light|lit|places|kept ARGUMENTS...
 'use strict';
 const fs = require('fs');
 const path = require('path');
@@ -714,6 +714,38 @@ function bakes(folder, from, mixed) {
     }
 }
 
+// Reads lines "LIGHT SCENE WORDS" from the standard input; LIGHT is a folder of sbl_bake, or - without --light. Checks
+// that sbl_unwrap refuses each scene with one line that contains WORDS, a regular expression, and that it keeps an
+// older file. All scenes are given to the worker of sbl_unwrap in this process, because the start of a process takes
+// longer.
+async function refuses(folder) {
+    const { Worker } = require('worker_threads'), script = path.join(__dirname, '../../scripts/sbl_unwrap');
+    const out = path.join(folder, 'kept.glb'), lines = fs.readFileSync(0, 'utf8').split('\n').filter(Boolean);
+    let wrong = 0;
+    for (const line of lines) {
+        const [light, scene, ...rest] = line.split(' '), files = [scene, out], options = { files, gap: 2, time: 60 };
+        if (light !== '-') options.light = light;
+        fs.writeFileSync(out, 'old');
+        const said = await new Promise((resolve) => {
+            const thread = new Worker(script, { workerData: { options, folder } });
+            let ended = {};
+            thread.on('message', (message) => {
+                if (message.end !== undefined) ended = message;
+            });
+            thread.on('error', (error) => resolve({ text: String(error) }));
+            thread.on('exit', () => resolve(ended));
+        });
+        const start = `sbl_unwrap: ${scene}: `, text = said.text || '';
+        const fits = text.startsWith(start) && new RegExp(rest.join(' ')).test(text.slice(start.length));
+        const plain = /^[ -~]*\n$/.test(text), kept = fs.readFileSync(out, 'utf8') === 'old';
+        const left = fs.readdirSync(folder).some((name) => name.includes('part'));
+        if (said.end === 1 && fits && plain && kept && !left) continue;
+        console.log(`${line}: ${said.end} ${text}`);
+        wrong++;
+    }
+    assert(lines.length > 5 && !wrong, `${wrong} of ${lines.length} scenes`);
+}
+
 const [what, ...words] = process.argv.slice(2),
     numbers = words.map((w) => (w === '' || isNaN(w) ? w : Number(w)));
 if (what === 'make') {
@@ -734,4 +766,9 @@ if (what === 'make') {
     fs.mkdirSync(path.join(folder, 'broken'));
     broken(path.join(folder, 'broken'));
 } else if (what === 'bakes') bakes(...words);
+else if (what === 'refuses')
+    refuses(...words).catch((error) => {
+        console.log(error.message);
+        process.exit(1);
+    });
 else checks[what](...numbers);
