@@ -9209,12 +9209,12 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     least = SBL__MAX(least, (double)FLT_MIN);
     for (; l->glow_count > most; l->glow_count = kept) {
         least *= 1.1;
-        for (i = kept = 0; i < l->glow_count; i++) {
+        for (i = 0; i < l->glow_count; i++) {
             float *light = s->store.leaves[l->glows[i].leaf].light;
-            if (sbl__luminance(l->glows[i].radiance) >= least && sbl__leaf_is_bright(light))
-                l->glows[kept++] = l->glows[i];
-            else light[0] = (float)fabs((double)light[0]);
+            if (!(sbl__luminance(l->glows[i].radiance) >= least)) light[0] = (float)fabs((double)light[0]);
         }
+        for (i = kept = 0; i < l->glow_count; i++)
+            if (sbl__leaf_is_bright(s->store.leaves[l->glows[i].leaf].light)) l->glows[kept++] = l->glows[i];
     }
     if (l->glow_count == before || !s->store.ready) return SBL_SUCCESS;
     return sbl__store_send(w->device, &s->store, &s->geometry, s->light_groups);
