@@ -2689,7 +2689,7 @@ int main(int argc, char **argv) {
     RUN(messages_show_what_values_look_like);
     RUN_PLAIN(options_without_effect_are_named);
     RUN(choices_are_printed);
-    RUN_PLAIN(wrong_usage_gives_status_2);
+    RUN(wrong_usage_gives_status_2);
     RUN(failures_give_status_1);
     RUN(messages_name_no_fields);
     RUN(obj_materials_and_textures);

@@ -602,7 +602,7 @@ TEST(refinement_foresees_its_looks) {
         before = sbl_progress(context);
         if (r->stages.stage != SBL__REFINE_SPEND || r->stages.at || rounds == 64) continue;
         foreseen[rounds] = sbl__refine_looks_expected(r);
-        sure[rounds++] = r->expected_sure;
+        sure[rounds++] = r->expected_weight;
         looks = (double)sbl__refine_looks(r);
     }
     clock_tick = 0;
