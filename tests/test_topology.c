@@ -1007,8 +1007,9 @@ TEST(sensors_keep_the_variance_of_a_look) {
           "four looks of noise 0.5: the variance of one is %g", sensors[1].variance);
 }
 
-/* If the number of glows is too large, the darkest are dropped, and their leaves become ordinary leaves again. All glows
-   of such a leaf are dropped: otherwise rays would find its light, too. Two glows share a leaf here. */
+/* If the number of glows is too large, the darkest are dropped, and their leaves become ordinary leaves again. All
+   glows of such a leaf are dropped: otherwise its light would count twice, because rays would find it, too. Two glows
+   share a leaf here. */
 TEST(dropped_glows_are_ordinary) {
     enum { COUNT = SBL__GLOWS_MOST + 500 };
     static sbl__glow glows[COUNT];
