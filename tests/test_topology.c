@@ -779,7 +779,7 @@ TEST(points_that_see_back_faces_are_suspect) {
     for (i = 0; i < 3; i++) sbl__solution_site(&b, i);
     REQUIRE(b.site_count == 3, "%d sites", b.site_count);
     for (i = 0; i < 3; i++) CHECK(sites[i].suspect == (i == 1), "point %d: suspect is %d", i, sites[i].suspect);
-    b.glows = 1;
+    b.glows = SBL__GLOWS_EVERYWHERE;
     b.site_count = 0;
     sbl__solution_site(&b, 1);
     CHECK(!sites[0].suspect, "a point is tested twice");
@@ -1285,7 +1285,7 @@ TEST(light_of_glows_is_added) {
     b.site_count = 2;
     memset(layers, 0, sizeof layers);
     sites[1].number = 1;
-    for (b.glows = 0; b.glows < 2; b.glows++) {
+    for (b.glows = SBL__GLOWS_NOWHERE; b.glows <= SBL__GLOWS_EVERYWHERE; b.glows += SBL__GLOWS_EVERYWHERE) {
         for (i = 0; i < 2; i++) {
             readings[i].valid = !b.glows || i == 0;
             for (k = 0; k < 3; k++) readings[i].radiance[k] = (float)((b.glows ? 10 : 1) * (k + 1 + 3 * i));
@@ -1356,7 +1356,7 @@ TEST(changed_lights_keep_points) {
         core.scene.features = i == 5 ? SBL__SPECULAR : 0;
         kept->point_count = 2;
         kept->points[0].measured = kept->points[1].measured = 1;
-        kept->glows = 1;
+        kept->glows = SBL__GLOWS_EVERYWHERE;
         kept->changed = i == 2;
         kept->stages.stage = i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND;
         kept->stages.at = 7;
@@ -1368,7 +1368,8 @@ TEST(changed_lights_keep_points) {
             const int again = i == 1 || i == 2;
             CHECK(b->points && b->points[0].measured == !i && b->points[1].measured == !i, "case %d: points measured",
                   i);
-            CHECK(b->glows == !again && b->stages.at == (again ? 0 : 7), "case %d: glows %d", i, b->glows);
+            CHECK(b->glows == (again ? SBL__GLOWS_NOWHERE : SBL__GLOWS_EVERYWHERE), "case %d: glows %d", i, b->glows);
+            CHECK(b->stages.at == (again ? 0 : 7), "case %d: item %d", i, b->stages.at);
             CHECK(b->stages.stage == (i == 1 ? SBL__BOUNCE_SITES : i == 2 ? SBL__BOUNCE_RELOCATE
                                     : i == 3 ? SBL__BOUNCE_CAST_POINTS : SBL__BOUNCE_SUM_FOUND),
                   "case %d: stage %d", i, b->stages.stage);
