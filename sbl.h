@@ -13871,15 +13871,16 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
 "// Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces\n",
-"// them at near hits and where hit_continues is true (at metal and panes, and for some rays at gloss). cast.glsl\n",
-"// traces them only where sbl_is_strong is true, for example on metal.\n",
+"// them at hits of short rays and where hit_continues is true (at metal and panes, and for some rays at gloss).\n",
+"// cast.glsl traces them only where sbl_is_strong is true, for example on metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A surface that reflects a ray in its lobe gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is\n",
 "// gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as\n",
 "// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
-"// The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have\n",
-"// another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.\n",
+"// SBL_BLURRED_GLOSS is smaller, because gloss reflects less light than metal, so that its specks are fainter.\n",
+"// Rays of a look's lobe (SBL_LOBE) have another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of\n",
+"// that lobe.\n",
 "const float SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit\n",
 "float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS\n",
@@ -14158,10 +14159,10 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. At near hits (see sbl_is_short and SBL_FIRST_SCALE), the mean light of the\n",
-"// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract\n",
-"// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced\n",
-"// light. The last segment reads the store at any distance.\n",
+"// Maximum number of segments of a ray. At hits of short rays (see sbl_is_short and SBL_FIRST_SCALE), the mean\n",
+"// light of the cell may differ much from the light at the hit. Therefore the store is not read there, except to\n",
+"// subtract the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds\n",
+"// the bounced light. The last segment reads the store at any distance.\n",
 "const int SBL_SEGMENTS = 3;\n",
 "#else\n",
 "const int SBL_SEGMENTS = 1;\n",
@@ -14171,7 +14172,7 @@ static const char *const sbl__glsl_trace[] = {
 "vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced\n",
 "float limit;                          // the segment ends at this length\n",
 "vec3 first_direction = vec3(0);       // direction of the first segment\n",
-"vec2 u;                               // point of the unit square that gives this direction\n",
+"vec2 u;                               // point of the unit square that gives first_direction\n",
 "float weight = 0.0;                   // weight of the ray\n",
 "vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "\n",
@@ -15574,7 +15575,7 @@ typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } s
 enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
 
 /* The points at which the light of glows is measured */
-enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_ON_GLOWS, SBL__GLOWS_EVERYWHERE };
+enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_AT_BRIGHT, SBL__GLOWS_EVERYWHERE };
 
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
@@ -15651,7 +15652,7 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
-    int glows;                       /* SBL__GLOWS_ON_GLOWS: a job measures the light of glows at the points of bright
+    int glows;                       /* SBL__GLOWS_AT_BRIGHT: a job measures the light of glows at the points of bright
                                         leaves. SBL__GLOWS_EVERYWHERE: at all points, and the light of bright leaves is
                                         fixed. In both cases, the points' rays skip bright leaves */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
@@ -16800,7 +16801,8 @@ static int sbl__contacts_after_cuts(void *work) {
 
 #define SBL__BOUNCE_LAMP_RAYS 8    /* number of rays of a point towards all lamps together, without glows */
 #define SBL__BOUNCE_GLOW_RAYS 4    /* number of rays of a point towards all glows together */
-#define SBL__BOUNCE_CORRECT_RAYS 32  /* the same for points of bright leaves, when the light of these is corrected */
+#define SBL__BOUNCE_CORRECT_RAYS 32  /* number of rays of a point of a bright leaf towards all glows together, when the
+                                        light of this leaf is corrected */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
 #define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
                                       is multiplied by one factor per channel, which speeds up convergence */
@@ -16935,7 +16937,7 @@ static sbl_result sbl__solution_site(void *work, int at) {
     const sbl__hit *hit = &b->points[at].at;
     sbl__site *site;
     if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
-    if (b->glows == SBL__GLOWS_ON_GLOWS && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
+    if (b->glows == SBL__GLOWS_AT_BRIGHT && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
     site = &b->sites[b->site_count++];
     memset(site, 0, sizeof *site);
     memcpy(site->position, hit->position, sizeof site->position);
@@ -16968,7 +16970,7 @@ static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
     }
     if (direct && b->glows) {
         task.spec.glows = 1;  /* the first job has found out which points are stuck */
-        task.spec.lamp_rays = b->glows == SBL__GLOWS_ON_GLOWS ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
+        task.spec.lamp_rays = b->glows == SBL__GLOWS_AT_BRIGHT ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
     task.readings = b->readings;
@@ -16994,7 +16996,7 @@ static int sbl__solution_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int floats = 3 * b->core->scene.light_groups;
     int i, k;
-    if (b->glows == SBL__GLOWS_ON_GLOWS) return SBL__BOUNCE_CORRECT;
+    if (b->glows == SBL__GLOWS_AT_BRIGHT) return SBL__BOUNCE_CORRECT;
     for (i = 0; i < b->site_count; i++) {
         sbl__bounce_point *point = &b->points[b->sites[i].number];
         const sbl_reading *r = &b->readings[i];
@@ -17563,7 +17565,7 @@ static int sbl__division_after_sort(void *work) {
 
 /* ======================================================================================================== >>bright
    Chooses bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. This room makes the
-   list of bright cells of the store. */
+   list of bright cells of the store, and corrects the light of bright leaves. */
 
 #define SBL__BRIGHT_LEAST 6.0      /* smallest radiance of bright leaves, in multiples of the mean radiance of all
                                       rays */
@@ -17756,7 +17758,7 @@ static int sbl__bright_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     b->glows = !b->core->scene.bright.ready || !b->core->scene.bright.glow_count ? SBL__GLOWS_NOWHERE
-             : b->glows ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_ON_GLOWS;
+             : b->glows ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_AT_BRIGHT;
     for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
         const int long_leaf = b->states[i].bright ? sbl__bright_for_long(b, i) : -1;
         if (long_leaf < 0 || !sbl__leaf_is_bright(b->store->leaves[long_leaf].light)) b->states[i].bright = 0;

@@ -104,7 +104,8 @@ typedef struct cube_lobe {
     double sum[4];                 /* weighted light in three channels, and the sum of the weights */
 } cube_lobe;
 
-#define CUBE__FINENESS 0.12f       /* maximum width of a square with one weight, relative to the width of the lobe */
+#define CUBE__FINENESS 0.12f       /* a square has one weight if it is narrower than this times the width of the lobe;
+                                      otherwise each of its quarters has its own */
 enum { CUBE__FINER = 3 };          /* where the lobe is narrow, texels are halved up to this many times */
 
 /* Adds the light of a square, or of its four quarters if it is too wide for one weight. A square smaller than a texel

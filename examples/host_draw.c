@@ -3,8 +3,8 @@
    room, and the room lights the slabs.
 
    See sbl_draw_view in sbl.h for the duties of the shaders of a callback. The picture is written to host_draw.png; the
-   first argument is the folder for it. With a further argument, --bare, the slabs are omitted; with another one, draft,
-   the picture is half as wide and high. */
+   first argument is the folder for it. Further arguments: --bare omits the slabs, and --draft halves the width and
+   height of the picture. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "host_gl.h"
@@ -175,7 +175,7 @@ int main(int argc, char **argv) {
     char path[1024];
     for (i = 2; i < argc; i++) {
         bare |= strcmp(argv[i], "--bare") == 0;
-        draft |= strcmp(argv[i], "draft") == 0;
+        draft |= strcmp(argv[i], "--draft") == 0;
     }
     width >>= draft;
     height >>= draft;

@@ -244,7 +244,8 @@ static int survey__open_side(const survey__work *w) {
     return open;
 }
 
-/* Returns the fraction of back faces seen from around the outside direction with the index i. */
+/* Returns the fraction of back faces that are seen from outside direction i, smoothed: the two directions beside it at
+   the same elevation have a quarter of the weight each. */
 static double survey__backs(const survey__work *w, int i) {
     const int ring = i / SURVEY__AROUND * SURVEY__AROUND, left = (i + 1) % SURVEY__AROUND;
     const int right = (i + SURVEY__AROUND - 1) % SURVEY__AROUND;

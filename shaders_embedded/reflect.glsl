@@ -1,13 +1,14 @@
 // Where a ray hits a surface, two rays continue the path: a ray to a lamp, and the next segment. trace.glsl traces
-// them at near hits and where hit_continues is true (at metal and panes, and for some rays at gloss). cast.glsl
-// traces them only where sbl_is_strong is true, for example on metal.
+// them at hits of short rays and where hit_continues is true (at metal and panes, and for some rays at gloss).
+// cast.glsl traces them only where sbl_is_strong is true, for example on metal.
 
 #ifdef SBL_SPECULAR
 // A surface that reflects a ray in its lobe gets at least the roughness SBL_BLURRED, or SBL_BLURRED_GLOSS if it is
 // gloss. This blurs the light of lamps that arrives by way of mirrors; otherwise, single rays would show it as
 // specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
-// The highlights of gloss are fainter, so that less blur hides the specks. Rays of a look's lobe (SBL_LOBE) have
-// another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of that lobe.
+// SBL_BLURRED_GLOSS is smaller, because gloss reflects less light than metal, so that its specks are fainter.
+// Rays of a look's lobe (SBL_LOBE) have another minimum for all surfaces: SBL_BLURRED_LOBE times the roughness of
+// that lobe.
 const float SBL_BLURRED_LOBE = 0.5;
 bool hit_continues = false;     // true: the ray continues in the lobe of the surface that it has hit
 float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direction was sampled, for MIS

@@ -114,10 +114,10 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. At near hits (see sbl_is_short and SBL_FIRST_SCALE), the mean light of the
-// cell may differ much from the light at the hit. Therefore the store is not read at near hits, except to subtract
-// the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds the bounced
-// light. The last segment reads the store at any distance.
+// Maximum number of segments of a ray. At hits of short rays (see sbl_is_short and SBL_FIRST_SCALE), the mean
+// light of the cell may differ much from the light at the hit. Therefore the store is not read there, except to
+// subtract the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds
+// the bounced light. The last segment reads the store at any distance.
 const int SBL_SEGMENTS = 3;
 #else
 const int SBL_SEGMENTS = 1;
@@ -127,7 +127,7 @@ const int SBL_SEGMENTS = 1;
 vec3 from, direction, throughput;     // origin, direction and throughput of the segment that is traced
 float limit;                          // the segment ends at this length
 vec3 first_direction = vec3(0);       // direction of the first segment
-vec2 u;                               // point of the unit square that gives this direction
+vec2 u;                               // point of the unit square that gives first_direction
 float weight = 0.0;                   // weight of the ray
 vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 

@@ -65,8 +65,8 @@ plain_check host_context_picture
 
 # >>host_draw
 
-host_draw_picture() { run host_draw with draft && look varied with/host_draw.png 200 160; }
-host_draw_slabs() { run host_draw bare draft --bare && look slabs with/host_draw.png bare/host_draw.png; }
+host_draw_picture() { run host_draw with --draft && look varied with/host_draw.png 200 160; }
+host_draw_slabs() { run host_draw bare --draft --bare && look slabs with/host_draw.png bare/host_draw.png; }
 # if the driver has no clip control, the shaders of the host write their own depth
 host_draw_writes_depth() {
     (
@@ -74,7 +74,7 @@ host_draw_writes_depth() {
         # The leak checker of gcc 12 crashes when it reads thread storage of a driver under these settings. The runs
         # above test for leaks.
         export ASAN_OPTIONS="${ASAN_OPTIONS-}:detect_leaks=0"
-        run host_draw old draft
+        run host_draw old --draft
     ) && look alike with/host_draw.png old/host_draw.png
 }
 check host_draw_picture host_draw_picture

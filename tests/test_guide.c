@@ -236,8 +236,8 @@ TEST(the_picture_is_the_same) {
     }
 }
 
-/* Compute shaders on llvmpipe share the rays that go on from metal, gloss and near hits; fragment shaders do not. R,
-   the light in lobes, and the number of steps of all rays have the same bits. */
+/* Compute shaders on llvmpipe share the rays that continue from metal, gloss and hits of short rays; fragment
+   shaders do not. R, the light in lobes, and the number of steps of all rays have the same bits. */
 TEST(shared_rays_find_the_same_light) {
     enum { SIDE = 16, FLOATS = SIDE * SIDE * 3 };
     static const sbl_channel channels[3] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_SPECULAR, SBL_CHANNEL_WORK };

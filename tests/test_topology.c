@@ -2009,7 +2009,7 @@ TEST(leaves_have_limits) {
     store.length = 0.5f;
     store.max_leaves = 1000;
     at.distance = 0.49f * (float)SBL__BOUNCE_LONG;
-    CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "a near hit becomes a further point");
+    CHECK(sbl__points_most(&b, &at, 0) == SBL__BOUNCE_POINTS, "the hit of a short ray becomes a further point");
     at.distance = 0.51f * (float)SBL__BOUNCE_LONG;
     CHECK(sbl__points_most(&b, &at, 0) == 4 * SBL__BOUNCE_POINTS, "a far hit becomes no further point");
     b.black = SBL__BLACK_EQUAL;
