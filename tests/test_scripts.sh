@@ -152,44 +152,40 @@ names_and_order() {
 check test_takes_names_and_orders names_and_order
 check test_adds_up adds_up
 check test_runs_once_without_a_rest runs_once_without_a_rest
-check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" \
-    "bad|exit(1)|2 passed, 1 failed, 0 skipped"
 # says VERDICT NAME KIND COUNTS: the last run must have printed this for a kind of run of a test
 says() { grep -q "^$1 *test_$2 ($3): $4," "$folder/verdict" || { cat "$folder/verdict"; return 1; }; }
 # fails_too NAME COUNTS: both runs of a test must have failed in the last run of scripts/test, with these counts
 fails_too() { says FAIL "$1" sanitized "$2" && says FAIL "$1" rest "$2"; }
+# sanitized_only NAME: only the sanitized run of a test must have failed
+sanitized_only() { says FAIL "$1" sanitized "$none" && says ok "$1" rest "$one"; }
+# stopped_for NAME WORDS: the last run must give the reason for which it stopped both runs of a test
+stopped_for() { fails_too "$1" "$none" && grep -q "$2" "$fake/build/logs/test_$1.rest"; }
 none='0 passed, 1 failed, 0 skipped'
-# one run of scripts/test for several tests that fail, each in its own way
-check test_adds_up_failures fails_with '8 passed, 10 failed, 0 skipped' "$good" "crash|abort()|words" \
-    "early|exit(0)|words" "late|abort()|3 passed, 0 failed, 0 skipped" "status|exit(3)|3 passed, 0 failed, 0 skipped" \
-    "empty|exit(0)|0 passed, 0 failed, 0 skipped"
+# one run of scripts/test for all tests that fail, each in its own way
+check test_adds_up_failures env_of TEST_LIMIT_CPU=1 env_of TEST_LIMIT_WAIT=20 fails_with \
+    '16 passed, 19 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" \
+    "crash|abort()|words" "early|exit(0)|words" "late|abort()|3 passed, 0 failed, 0 skipped" \
+    "status|exit(3)|3 passed, 0 failed, 0 skipped" "empty|exit(0)|0 passed, 0 failed, 0 skipped" \
+    "round|for (;;) rand()|words" "wait|sleep(999)|words" \
+    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one" \
+    "undefined|volatile int i = 0x7fffffff; i = i + 1|$one" \
+    "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
+check test_fails_on_a_failure fails_too bad '2 passed, 1 failed, 0 skipped'
 check test_fails_on_a_crash fails_too crash "$none"
 check test_fails_on_an_early_exit fails_too early "$none"
 check test_fails_on_a_crash_after_the_counts fails_too late "$none"
 check test_fails_on_a_bad_exit_status fails_too status '3 passed, 1 failed, 0 skipped'
 check test_fails_on_a_test_that_runs_nothing fails_too empty "$none"
-# stops_for WORDS NAME...: scripts/test must fail, and its output must give the reason for which it stopped the test
-stops_for() {
-    words=$1
-    shift
-    fails_with '2 passed, 2 failed, 0 skipped' "$good" "$@" && grep -q "$words" "$folder/verdict"
-}
-check test_stops_what_goes_round_for_ever env_of TEST_LIMIT_CPU=1 stops_for 'stopped after 1 s of processor time' \
-    "round|for (;;) rand()|words"
-check test_stops_what_waits_for_ever env_of TEST_LIMIT_WAIT=9 stops_for 'hung: stopped after 9 s' "wait|sleep(99)|words"
+check test_stops_what_goes_round_for_ever stopped_for round 'stopped after 1 s of processor time'
+check test_stops_what_waits_for_ever stopped_for wait 'hung: stopped after 20 s'
+# only sanitizers find these errors
+check test_sees_a_heap_overflow sanitized_only overflow
+check test_sees_undefined_behaviour sanitized_only undefined
+sees_a_race() { says ok threads sanitized "$one" && says ok threads rest "$one" && says FAIL threads threads "$none"; }
+check test_sees_a_race sees_a_race
 check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" \
     "typo|x|1 passed, 0 failed, 0 skipped"
 check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
-# only sanitizers find these errors
-check test_adds_up_sanitizers fails_with '4 passed, 2 failed, 0 skipped' "$good" \
-    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one" \
-    "undefined|volatile int i = 0x7fffffff; i = i + 1|1 passed, 0 failed, 0 skipped"
-sanitized_only() { says FAIL "$1" sanitized "$none" && says ok "$1" rest "$one"; }
-check test_sees_a_heap_overflow sanitized_only overflow
-check test_sees_undefined_behaviour sanitized_only undefined
-check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
-    "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
-
 # >>scripts/build
 
 build_helps() {
@@ -254,24 +250,24 @@ unwrap_stops() {
 echo secret > "$folder/secret"
 ln -s ../secret "$folder/inside/link"
 mkfifo "$folder/inside/pipe"
-# unwrap_files VERDICT CASE NAME: tests scenes that refer to a buffer, a picture, a material library and a texture by
-# this name. VERDICT: accepts or refuses
+# unwrap_files VERDICT CASE NAME [FILE]: tests scenes that refer to a buffer, a picture, a material library and a texture
+# by this name, or only the scene FILE. VERDICT: accepts or refuses
 unwrap_files() {
     printf '{ "buffers": [{ "byteLength": 1, "uri": "%s" }] }\n' "$3" > "$folder/inside/buffer.gltf"
     printf '{ "images": [{ "extensions": { "X": { "uri": "%s" } } }] }\n' "$3" > "$folder/inside/picture.gltf"
     printf 'mtllib %s\nv 0 0 0\n' "$3" > "$folder/inside/library.obj"
     printf 'newmtl m\nmap_Kd -o 0.5 0.5 0 %s\n' "$3" > "$folder/inside/texture.mtl"
     printf 'mtllib \\\ntexture.mtl\nv 0 0 0\n' > "$folder/inside/texture.obj"
-    for kind in buffer.gltf picture.gltf library.obj texture.obj; do
+    for kind in ${4-buffer.gltf picture.gltf library.obj texture.obj}; do
         check "unwrap_$1_${2}_${kind%.*}" "unwrap_$1" "$folder/inside/$kind"
     done
 }
 unwrap_files accepts inside deep/none.png
 unwrap_files refuses above ../secret
-unwrap_files refuses absolute "$folder/secret"
-unwrap_files refuses link link
-unwrap_files refuses pipe pipe
-unwrap_files refuses roundabout deep/../../secret
+unwrap_files refuses absolute "$folder/secret" picture.gltf
+unwrap_files refuses link link texture.obj
+unwrap_files refuses pipe pipe buffer.gltf
+unwrap_files refuses roundabout deep/../../secret library.obj
 check unwrap_refuses_an_encoded_name eval "printf '{ \"buffers\": [{ \"uri\": \"%%2e%%2e/secret\" }] }' > \
     '$folder/inside/encoded.gltf'; unwrap_refuses '$folder/inside/encoded.gltf'"
 check unwrap_refuses_a_pipe unwrap_refuses "$folder/inside/pipe"

@@ -35,6 +35,12 @@
 
 static char tool[1024], folder[64];
 
+/* A run of a tool with sanitizers takes three times as long as one without. Therefore a test program with sanitizers
+   starts the sanitized tool for the first of every four runs, and the plain tool for the others. SANITIZE_ALL=1 in the
+   environment makes all runs sanitized. */
+enum { RUNS_PER_SANITIZED_RUN = 4 };
+static char plain_tool[1024]; /* empty if all runs start the same program */
+
 static struct {
     int status; /* exit status, or minus the number of a signal */
     char out[65536], err[16384];
@@ -70,13 +76,19 @@ static int bounces(const char *const *arguments) {
 
 static void (*in_child)(void); /* if not NULL, called in the child process before the tool starts */
 
+/* Returns the path of the program for the next run of the tool. */
+static char *next_program(void) {
+    static int runs;
+    return *plain_tool && runs++ % RUNS_PER_SANITIZED_RUN ? plain_tool : tool;
+}
+
 /* Starts the tool in the folder of the test. terminal: handle of its stderr, or -1. file_limit: largest size of a file
    in bytes, or 0 for no limit */
 static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit) {
     char *argv[FIRST_ARGUMENTS + MOST_ARGUMENTS + 2];
     int i, k = 1;
     pid_t child;
-    argv[0] = tool;
+    argv[0] = next_program();
     for (i = 0; i < FIRST_ARGUMENTS && bounces(arguments); i++) argv[k++] = (char *)(uintptr_t)first_arguments[i];
     for (i = 0; arguments[i] && i < MOST_ARGUMENTS; i++) argv[k++] = (char *)(uintptr_t)arguments[i];
     argv[k] = NULL;
@@ -96,7 +108,7 @@ static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit
             setrlimit(RLIMIT_FSIZE, &limit);
         }
         if (in_child) in_child();
-        execv(tool, argv);
+        execv(argv[0], argv);
         _exit(99);
     }
     return child;
@@ -359,7 +371,10 @@ static inline void room_obj(void) {
 #define ROOM "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--size", "24x16", SMALL
 
 /* Makes later runs use build/NAME. */
-static inline void tool_use(const char *name) { strcpy(strrchr(tool, '/') + 1, name); }
+static inline void tool_use(const char *name) {
+    strcpy(strrchr(tool, '/') + 1, name);
+    if (*plain_tool) strcpy(strrchr(plain_tool, '/') + 1, name);
+}
 
 /* Creates the temporary folder. Returns 0 on failure. */
 static int tool_begin(const char *argv0) {
@@ -370,6 +385,9 @@ static int tool_begin(const char *argv0) {
     snprintf(tool, sizeof tool, "%.900s/sbl_render", full ? full : here);
     free(full);
     if (SANITIZED) {
+        const char *sanitized = strstr(tool, "/sanitize/sbl_render");
+        if (sanitized && !getenv("SANITIZE_ALL"))
+            snprintf(plain_tool, sizeof plain_tool, "%.*s/sbl_render", (int)(sanitized - tool), tool);
         /* Some test files request dozens of gigabytes. With sanitizers, the sanitizer must refuse what the memory limit
            refuses otherwise. */
         const char *options = getenv("ASAN_OPTIONS");
