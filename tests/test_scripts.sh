@@ -250,8 +250,8 @@ unwrap_stops() {
 echo secret > "$folder/secret"
 ln -s ../secret "$folder/inside/link"
 mkfifo "$folder/inside/pipe"
-# unwrap_files VERDICT CASE NAME [FILE]: tests scenes that refer to a buffer, a picture, a material library and a texture
-# by this name, or only the scene FILE. VERDICT: accepts or refuses
+# unwrap_files VERDICT CASE NAME [FILE]: tests scenes that refer to a buffer, a picture, a material library and a
+# texture by this name, or only the scene FILE. VERDICT: accepts or refuses
 unwrap_files() {
     printf '{ "buffers": [{ "byteLength": 1, "uri": "%s" }] }\n' "$3" > "$folder/inside/buffer.gltf"
     printf '{ "images": [{ "extensions": { "X": { "uri": "%s" } } }] }\n' "$3" > "$folder/inside/picture.gltf"
