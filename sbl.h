@@ -3081,6 +3081,7 @@ typedef struct sbl__record {
 #define SBL__LAMP_GLOW 4u
 #define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp_leaf */
 #define SBL__DISTANT_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
+#define SBL__SPOT_NODE 0x40000000u     /* flag in sbl__lamp_node.beyond: one cone contains the light of all lamps */
 #define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
@@ -3187,14 +3188,14 @@ typedef struct sbl__record {
     X(SHORT_PART) X(BUCKET_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) X(GUIDE_BANDS) \
     X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(TEXTURE_SRGB) \
     X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) X(LAMP_TRIANGLE) \
-    X(LAMP_LOCAL_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(RESULTS_WIDTH) \
-    X(PATCH_BACK) X(PATCH_SHORT) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) X(LOOK_NUMBER) X(HASH_FACTOR) \
-    X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
-    X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_RANGE) \
-    X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(STRONG) X(GLOSS_ROUGH) X(BLURRED) X(BLURRED_GLOSS) \
-    X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) X(LOBE_ROUGH) X(LOBE_UNIT) \
-    X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) X(POLISHED) X(MIRROR_DIFFUSE) \
-    X(STEPS_UNIT) X(STEPS_MASK) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL)
+    X(LAMP_LOCAL_LIGHT) X(LAMP_DISTANT_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(DISTANT_NODE) X(SPOT_NODE) \
+    X(RESULTS_WIDTH) X(PATCH_BACK) X(PATCH_SHORT) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(ATLAS_MARK) \
+    X(LOOK_NUMBER) X(HASH_FACTOR) X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) \
+    X(HARMONIC_0) X(HARMONIC_1) X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) \
+    X(BELONGS_COSINE) X(BELONGS_RANGE) X(BELONGS_PLANE) X(FILTER_VISIBLE) X(FILTER_FALL) X(STRONG) X(GLOSS_ROUGH) \
+    X(BLURRED) X(BLURRED_GLOSS) X(MIRRORED_HEIGHT) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR) X(MIRROR_SEEN) \
+    X(POLISHED) X(MIRROR_DIFFUSE) X(STEPS_UNIT) X(STEPS_MASK) X(LOCKSTEP) X(POOL_RAYS) X(CAST_POOL)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* capacity for the text before a shader's files, in characters, with the final 0 */
@@ -7108,8 +7109,10 @@ static const char *const sbl__glsl_traverse[] = {
    power            the sum of their powers
    square, mixed    the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write
    front            sum of power * normal / 2 of one-sided and of distant lamps
-   beyond           index of the node after the subtree; SBL__DISTANT_NODE is added in the tree of distant lamps
-   first_leaf       index of the subtree's first leaf */
+   beyond           index of the node after the subtree, plus flags: SBL__DISTANT_NODE, SBL__SPOT_NODE
+   first_leaf       index of the subtree's first leaf
+   If a cone narrower than a hemisphere contains the light of all lamps, which are spotlights (SBL__SPOT_NODE), front is
+   the axis of this cone, a unit vector, and square[0] is half its angle in radians. */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -7170,23 +7173,27 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: outer minus inner cone, as a fraction of
                                          the outer cone. A cone is measured as 1 - cosine of its angle */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
+#define SBL__CONE_MOST 1.57f          /* limit of half the angle of a cone, in radians. A lamp or cluster whose light
+                                         needs a wider cone is treated as if it had none */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
                                          curve, plus log2(number of lamps at one point) */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
+    uint64_t curve;            /* position along a Morton curve; see sbl__lamp_curve */
     uint32_t code;             /* see sbl__lamp_leaf */
     sbl__box bounds;
     float normal[3];           /* unit normal; spot: axis; distant: direction towards it; 0: emits in all directions */
     float power;
+    float cone;                /* spot: half the angle of its cone, in radians; others: SBL__CONE_MOST */
     int one_sided, distant;
 } sbl__lamp;
 
 /* Sums over the lamps of a cluster, and their bounds. shown: sum of `shown` in sbl__cluster_of_lamp. square: the
    elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T; for a lamp that emits in all directions, the
-   identity matrix replaces normal * normal^T */
-typedef struct sbl__cluster { double power, shown, square[6], front[3]; sbl__box bounds; } sbl__cluster;
+   identity matrix replaces normal * normal^T. cone: half the angle of a cone around `front` that contains the light of
+   all lamps, in radians, at most SBL__CONE_MOST */
+typedef struct sbl__cluster { double power, shown, square[6], front[3], cone; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
    lobe. */
@@ -7291,6 +7298,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     lamp->code = code;
     lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
+    lamp->cone = SBL__CONE_MOST;
     for (k = 0; k < 3; k++) {
         lamp->bounds.low[k] = (float)(middle[k] - around);
         lamp->bounds.high[k] = (float)(middle[k] + around);
@@ -7359,6 +7367,7 @@ static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *
     if (light->kind != SBL_LIGHT_SPOT) return;
     for (k = 0; k < 3; k++) axis[k] = (double)light->direction[k];
     lamp->one_sided = sbl__normalize(axis);
+    lamp->cone = SBL__MIN((float)(0.5 * SBL__CONE(light) * SBL__PI / 180), SBL__CONE_MOST);
     for (k = 0; k < 3; k++) lamp->normal[k] = (float)axis[k];
 }
 
@@ -7498,13 +7507,25 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: sorting along a Morton curve, near lamps before distant lamps */
+/* >>lamps: sorting along a Morton curve, near lamps before distant lamps
+
+   Among the near lamps, spotlights come last, sorted by the face of a cube that their axis meets. Therefore clusters of
+   spotlights have a narrow cone in common. A cluster that mixes them with other lamps estimates strong light outside
+   their cones, and most rays go to lamps that give no light. */
+
+/* Returns the index of the face of a cube, 0 to 5, that a direction meets. */
+static int sbl__face_of(const float direction[3]) {
+    int k, axis = 0;
+    for (k = 1; k < 3; k++) if (fabs((double)direction[k]) > fabs((double)direction[axis])) axis = k;
+    return 2 * axis + (direction[axis] < 0);
+}
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
-/* Returns the position of a lamp along the Morton curve: for a distant lamp, the position of its direction. */
+/* Returns the position of a lamp along the Morton curve: for a distant lamp, the position of its direction. Bit 63 is
+   set for distant lamps, bit 62 for spotlights; bits 59 to 61 of a spotlight are the face. */
 static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
-    uint64_t curve = (uint64_t)lamp->distant << 63;
+    uint64_t curve = 0;
     int k, bit;
     for (k = 0; k < 3; k++) {
         const double middle = sbl__box_middle(&lamp->bounds, k);
@@ -7512,6 +7533,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp)
         const uint64_t step = (uint64_t)(SBL__MIN(SBL__MAX(fraction, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (step >> bit & 1u) << (3 * bit + k);
     }
+    if (lamp->distant) return curve | (uint64_t)1 << 63;
+    if (lamp->cone < SBL__CONE_MOST) return curve >> 1 | (uint64_t)(8 + sbl__face_of(lamp->normal)) << 59;
     return curve;
 }
 
@@ -7595,15 +7618,31 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     for (k = 0; k < 6; k++)
         c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
     for (k = 0; k < 3; k++) c->front[k] = front ? shown * lamp->normal[k] : 0;
+    c->cone = lamp->cone;
     c->bounds = lamp->bounds;
 }
 
+/* Returns the angle between two vectors in radians, or SBL__CONE_MOST if one of them is zero. */
+static double sbl__angle_between(const double a[3], const double b[3]) {
+    double p[3], q[3];
+    memcpy(p, a, sizeof p);
+    memcpy(q, b, sizeof q);
+    if (!sbl__normalize(p) || !sbl__normalize(q)) return SBL__CONE_MOST;
+    return acos(SBL__MAX(-1.0, SBL__MIN(1.0, p[0] * q[0] + p[1] * q[1] + p[2] * q[2])));
+}
+
 static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
+    double axis[3];
     int k;
+    for (k = 0; k < 3; k++) axis[k] = c->front[k] + other->front[k];
+    if (SBL__MAX(c->cone, other->cone) < SBL__CONE_MOST)
+        c->cone = SBL__MAX(c->cone + sbl__angle_between(axis, c->front),
+                           other->cone + sbl__angle_between(axis, other->front));
+    else c->cone = SBL__CONE_MOST;
     c->power += other->power;
     c->shown += other->shown;
     for (k = 0; k < 6; k++) c->square[k] += other->square[k];
-    for (k = 0; k < 3; k++) c->front[k] += other->front[k];
+    for (k = 0; k < 3; k++) c->front[k] = axis[k];
     sbl__box_add(&c->bounds, &other->bounds);
 }
 
@@ -7627,6 +7666,14 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     node->radius = (float)(1.000001 * sqrt(radius));
     node->power = (float)c->power;
     if (distant) node->beyond |= SBL__DISTANT_NODE;
+    if (c->cone < SBL__CONE_MOST) {
+        double axis[3];
+        memcpy(axis, c->front, sizeof axis);
+        sbl__normalize(axis);
+        for (k = 0; k < 3; k++) node->front[k] = (float)axis[k];
+        node->square[0] = (float)c->cone;
+        node->beyond |= SBL__SPOT_NODE;
+    }
 }
 
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of the node's two
@@ -7752,7 +7799,7 @@ static sbl_result sbl__planes_add(void *work, int at) {
 
 /* Returns the index of the first node after the subtree of node `at`. */
 static int sbl__lamp_trees_beyond(const sbl__lamp_trees *l, int at) {
-    return (int)(l->nodes[at].beyond & ~SBL__DISTANT_NODE);
+    return (int)(l->nodes[at].beyond & ~(SBL__DISTANT_NODE | SBL__SPOT_NODE));
 }
 
 /* Chooses the nodes of the lamp trees that stand for all lamps in mirrors. Begins with the roots, and repeatedly
@@ -12447,15 +12494,19 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `distant`, a direction\n",
 "    float radius;\n",
 "    bool distant;  // true: the lamps are at infinity\n",
+"    bool spots;    // true: the lamps are spotlights, and a cone contains their light\n",
 "    int beyond;    // index of the first node after the cluster's subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
 "    uint beyond = sbl_lamp_node_beyond(node);\n",
-"    bool distant = (beyond & SBL_DISTANT_NODE) != 0u;\n",
+"    bool distant = (beyond & SBL_DISTANT_NODE) != 0u, spots = (beyond & SBL_SPOT_NODE) != 0u;\n",
 "    vec3 to = sbl_lamp_node_middle(node) - (distant ? vec3(0) : position);\n",
-"    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));\n",
+"    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, spots,\n",
+"                       int(beyond & ~(SBL_DISTANT_NODE | SBL_SPOT_NODE)));\n",
 "}\n",
+"\n",
+"const float SBL_CONE_MARGIN = 1e-3;  // allows for rounding of angles, in radians\n",
 "\n",
 "// Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster\n",
 "// gives the sensor any light.\n",
@@ -12468,6 +12519,11 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 w = c.distant ? -sensor_normal : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * sine;\n",
+"    for (int i = 0; i < (c.spots ? 1 : 0); i++) {\n",
+"        // the least angle between the axis of the cone and a direction from the cluster's ball to the sensor\n",
+"        float angle = sine < 1.0 ? acos(clamp(-dot(front, w), -1.0, 1.0)) - asin(sine) : 0.0;\n",
+"        shown = angle < square.x + SBL_CONE_MARGIN ? sbl_lamp_node_power(node) : 0.0;\n",
+"    }\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
 "    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
 "                 max(distance2, c.radius * c.radius);\n",

@@ -220,15 +220,19 @@ struct sbl_Cluster {
     vec3 to;       // centre of its bounding sphere, relative to the sensor; if `distant`, a direction
     float radius;
     bool distant;  // true: the lamps are at infinity
+    bool spots;    // true: the lamps are spotlights, and a cone contains their light
     int beyond;    // index of the first node after the cluster's subtree
 };
 
 sbl_Cluster sbl_cluster(int node) {
     uint beyond = sbl_lamp_node_beyond(node);
-    bool distant = (beyond & SBL_DISTANT_NODE) != 0u;
+    bool distant = (beyond & SBL_DISTANT_NODE) != 0u, spots = (beyond & SBL_SPOT_NODE) != 0u;
     vec3 to = sbl_lamp_node_middle(node) - (distant ? vec3(0) : position);
-    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, int(beyond & ~SBL_DISTANT_NODE));
+    return sbl_Cluster(to, sbl_lamp_node_radius(node), distant, spots,
+                       int(beyond & ~(SBL_DISTANT_NODE | SBL_SPOT_NODE)));
 }
+
+const float SBL_CONE_MARGIN = 1e-3;  // allows for rounding of angles, in radians
 
 // Returns the approximate light / unit of an unobstructed cluster. A result of 0 means that no lamp of the cluster
 // gives the sensor any light.
@@ -241,6 +245,11 @@ float sbl_strength(int node, sbl_Cluster c) {
     vec3 w = c.distant ? -sensor_normal : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
                   0.1 * sbl_lamp_node_power(node) * sine;
+    for (int i = 0; i < (c.spots ? 1 : 0); i++) {
+        // the least angle between the axis of the cone and a direction from the cluster's ball to the sensor
+        float angle = sine < 1.0 ? acos(clamp(-dot(front, w), -1.0, 1.0)) - asin(sine) : 0.0;
+        shown = angle < square.x + SBL_CONE_MARGIN ? sbl_lamp_node_power(node) : 0.0;
+    }
     if (height + c.radius <= 0.0) return 0.0;
     float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
                  max(distance2, c.radius * c.radius);
