@@ -7509,9 +7509,10 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 /* >>lamps: sorting along a Morton curve, near lamps before distant lamps
 
-   Among the near lamps, spotlights come last, sorted by the face of a cube that their axis meets. Therefore clusters of
-   spotlights have a narrow cone in common. A cluster that mixes them with other lamps estimates strong light outside
-   their cones, and most rays go to lamps that give no light. */
+   Among the near lamps, spotlights follow the others, sorted by the face of a cube that their axis meets. Therefore
+   clusters of spotlights have a narrow cone in common. A cluster that mixes them with other lamps estimates strong light
+   outside their cones, and most rays go to lamps that give no light. Glows come last, because they get a fraction of
+   their own of the rays, see lamps.glsl. */
 
 /* Returns the index of the face of a cube, 0 to 5, that a direction meets. */
 static int sbl__face_of(const float direction[3]) {
@@ -7523,7 +7524,7 @@ static int sbl__face_of(const float direction[3]) {
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
 /* Returns the position of a lamp along the Morton curve: for a distant lamp, the position of its direction. Bit 63 is
-   set for distant lamps, bit 62 for spotlights; bits 59 to 61 of a spotlight are the face. */
+   set for distant lamps, bit 62 for glows, bit 61 for spotlights; bits 58 to 60 of a spotlight are the face. */
 static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp) {
     uint64_t curve = 0;
     int k, bit;
@@ -7534,7 +7535,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamp_trees *l, const sbl__lamp *lamp)
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (step >> bit & 1u) << (3 * bit + k);
     }
     if (lamp->distant) return curve | (uint64_t)1 << 63;
-    if (lamp->cone < SBL__CONE_MOST) return curve >> 1 | (uint64_t)(8 + sbl__face_of(lamp->normal)) << 59;
+    if (lamp->cone < SBL__CONE_MOST) return curve >> 2 | (uint64_t)(8 + sbl__face_of(lamp->normal)) << 58;
+    if (lamp->code >> SBL__LAMP_KIND_SHIFT == SBL__LAMP_GLOW) return curve | (uint64_t)1 << 62;
     return curve;
 }
 
@@ -12706,6 +12708,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                                    // independent points (measured with shadow edges on a lamp)\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
+"const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because lamps that are expected to\n",
+"                                    // be stronger may be hidden\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
 "const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
@@ -12716,7 +12720,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
 "const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier\n",
-"const float SBL_PASS_ENTRIES = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const float SBL_PASS_LAMPS = 16.0;  // maximum of (number of passes) * (effective number of lamps)\n",
 "const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,\n",
@@ -12795,6 +12799,8 @@ static const char *const sbl__glsl_lamps[] = {
 "int used, certain;           // number of entries at the array's start; number of point lights at its end\n",
 "float total, strengths2;     // sums of the strengths of the `used` entries, and of their squares\n",
 "float lamp_strengths2;       // estimate of strengths2 if all lamps of clusters were entries\n",
+"ivec2 glow_entries;          // index of the first entry that consists of glows, and the index after the last\n",
+"vec2 glow_strengths2;        // glows' parts of strengths2 and lamp_strengths2\n",
 "mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that\n",
 "                             // have a closed form (see sbl_has_closed_form), except the `certain` point lights.\n",
 "                             // Each facing has its own ratio seen / open, because one side of a closed mesh hides\n",
@@ -12891,9 +12897,27 @@ static const char *const sbl__glsl_lamps[] = {
 "            lamp_strengths2 += strength * strength / float(lamps);\n",
 "            strengths[used] = total;\n",
 "            entries[used++] = single ? leaf : -1 - i;\n",
+"            int first_leaf = single ? leaf : int(sbl_lamp_node_first_leaf(i));  // glows are the last near lamps\n",
+"            bool glows = mixed && sbl_lamp_leaf_code(first_leaf) >> SBL_LAMP_KIND_SHIFT == SBL_LAMP_GLOW;\n",
+"            for (int once = 0; once < (glows ? 1 : 0); once++) {\n",
+"                glow_entries = ivec2(glow_entries.y == 0 ? used - 1 : glow_entries.x, used);\n",
+"                glow_strengths2 += strength * strength * vec2(1, 1.0 / float(lamps));\n",
+"            }\n",
 "        }\n",
 "    }\n",
 "    return next;\n",
+"}\n",
+"\n",
+"// Increases the strengths of glows if they would get less than the fraction SBL_GLOW_RAYS of the rays.\n",
+"void sbl_favour_glows() {\n",
+"    float before = glow_entries.x > 0 ? strengths[glow_entries.x - 1] : 0.0;\n",
+"    float glows = glow_entries.y > 0 ? strengths[glow_entries.y - 1] - before : 0.0;\n",
+"    float factor = max(SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows) / max(glows, 1e-37), 1.0);\n",
+"    for (int i = glow_entries.x; i < (factor > 1.0 && glows > 0.0 ? used : 0); i++)\n",
+"        strengths[i] += (factor - 1.0) * (min(strengths[i], before + glows) - before);\n",
+"    total += (factor - 1.0) * glows;\n",
+"    strengths2 += (factor * factor - 1.0) * glow_strengths2.x;\n",
+"    lamp_strengths2 += (factor * factor - 1.0) * glow_strengths2.y;\n",
 "}\n",
 "\n",
 "void sbl_choose() {\n",
@@ -12902,6 +12926,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    bool full = true;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
+"        glow_entries = ivec2(0);\n",
+"        glow_strengths2 = vec2(0);\n",
 "        total = strengths2 = lamp_strengths2 = 0.0;\n",
 "        whole = mat2x3(0);\n",
 "        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
@@ -12911,6 +12937,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        full = false;\n",
 "        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
 "    }\n",
+"    sbl_favour_glows();\n",
 "}\n",
 "\n",
 "// >>pick\n",
@@ -13136,9 +13163,10 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided\n",
-"// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
+"// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of them\n",
+"// would often find all of these hidden, and miss the others.\n",
 "int sbl_pass_count() {\n",
-"    float passes_most = SBL_PASS_ENTRIES * strengths2 / max(total * total, 1e-37);\n",
+"    float passes_most = SBL_PASS_LAMPS * lamp_strengths2 / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;\n",
 "    while (2 * power <= passes) power *= 2;\n",
 "    return power;\n",

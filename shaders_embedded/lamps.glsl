@@ -39,6 +39,8 @@ const float SBL_STRATA = 1.5;       // n stratified points give SBL_STRATA / sqr
                                     // independent points (measured with shadow edges on a lamp)
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
+const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because lamps that are expected to
+                                    // be stronger may be hidden
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
 const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps
@@ -49,7 +51,7 @@ const float SBL_SPARSE = 16.0;
 #endif
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree earlier
-const float SBL_PASS_ENTRIES = 16.0;  // maximum of (number of passes) * (effective number of entries)
+const float SBL_PASS_LAMPS = 16.0;  // maximum of (number of passes) * (effective number of lamps)
 const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a rim sample: for the close corner,
@@ -128,6 +130,8 @@ float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of
 int used, certain;           // number of entries at the array's start; number of point lights at its end
 float total, strengths2;     // sums of the strengths of the `used` entries, and of their squares
 float lamp_strengths2;       // estimate of strengths2 if all lamps of clusters were entries
+ivec2 glow_entries;          // index of the first entry that consists of glows, and the index after the last
+vec2 glow_strengths2;        // glows' parts of strengths2 and lamp_strengths2
 mat2x3 whole;                // by facing (see sbl_Lamp): unobstructed light of all lamps outside clusters that
                              // have a closed form (see sbl_has_closed_form), except the `certain` point lights.
                              // Each facing has its own ratio seen / open, because one side of a closed mesh hides
@@ -224,9 +228,27 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
             lamp_strengths2 += strength * strength / float(lamps);
             strengths[used] = total;
             entries[used++] = single ? leaf : -1 - i;
+            int first_leaf = single ? leaf : int(sbl_lamp_node_first_leaf(i));  // glows are the last near lamps
+            bool glows = mixed && sbl_lamp_leaf_code(first_leaf) >> SBL_LAMP_KIND_SHIFT == SBL_LAMP_GLOW;
+            for (int once = 0; once < (glows ? 1 : 0); once++) {
+                glow_entries = ivec2(glow_entries.y == 0 ? used - 1 : glow_entries.x, used);
+                glow_strengths2 += strength * strength * vec2(1, 1.0 / float(lamps));
+            }
         }
     }
     return next;
+}
+
+// Increases the strengths of glows if they would get less than the fraction SBL_GLOW_RAYS of the rays.
+void sbl_favour_glows() {
+    float before = glow_entries.x > 0 ? strengths[glow_entries.x - 1] : 0.0;
+    float glows = glow_entries.y > 0 ? strengths[glow_entries.y - 1] - before : 0.0;
+    float factor = max(SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows) / max(glows, 1e-37), 1.0);
+    for (int i = glow_entries.x; i < (factor > 1.0 && glows > 0.0 ? used : 0); i++)
+        strengths[i] += (factor - 1.0) * (min(strengths[i], before + glows) - before);
+    total += (factor - 1.0) * glows;
+    strengths2 += (factor * factor - 1.0) * glow_strengths2.x;
+    lamp_strengths2 += (factor * factor - 1.0) * glow_strengths2.y;
 }
 
 void sbl_choose() {
@@ -235,6 +257,8 @@ void sbl_choose() {
     bool full = true;
     for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {
         used = certain = 0;
+        glow_entries = ivec2(0);
+        glow_strengths2 = vec2(0);
         total = strengths2 = lamp_strengths2 = 0.0;
         whole = mat2x3(0);
         if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
@@ -244,6 +268,7 @@ void sbl_choose() {
         full = false;
         for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);
     }
+    sbl_favour_glows();
 }
 
 // >>pick
@@ -469,9 +494,10 @@ sbl_Result sbl_combine_after(sbl_Result early) {
 }
 
 // Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided
-// decides whether to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.
+// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of them
+// would often find all of these hidden, and miss the others.
 int sbl_pass_count() {
-    float passes_most = SBL_PASS_ENTRIES * strengths2 / max(total * total, 1e-37);
+    float passes_most = SBL_PASS_LAMPS * lamp_strengths2 / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;
     while (2 * power <= passes) power *= 2;
     return power;
