@@ -100,9 +100,10 @@ rest='/* RUN_PLAIN() */'  # makes scripts/test run a fake test twice: sanitized,
 # output is written to $folder/verdict.
 fake_tests() {
     rm -rf "$fake"
-    mkdir -p "$fake/tests/support"
+    mkdir -p "$fake/tests/support" "$fake/build"
+    [ ! -d build/node_modules ] || ln -s "$PWD/build/node_modules" "$fake/build"  # installing takes seconds
     cp -r scripts "$fake"
-    cp tests/support/keep_loaded.c tests/support/lsan.supp tests/support/tsan.supp "$fake/tests/support"
+    cp tests/support/keep_loaded.c tests/support/driver_memory.c tests/support/*san.supp "$fake/tests/support"
     printf '#include <pthread.h>\nint shared;\n%s;\n%s { shared++; return user; }\n' \
         'void *touch(void *user)' 'void *touch(void *user)' \
         > "$fake/tests/touch.h"
@@ -163,11 +164,12 @@ stopped_for() { fails_too "$1" "$none" && grep -q "$2" "$fake/build/logs/test_$1
 none='0 passed, 1 failed, 0 skipped'
 # one run of scripts/test for all tests that fail, each in its own way
 check test_adds_up_failures env_of TEST_LIMIT_CPU=1 env_of TEST_LIMIT_WAIT=20 fails_with \
-    '16 passed, 19 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" \
+    '17 passed, 20 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" \
     "crash|abort()|words" "early|exit(0)|words" "late|abort()|3 passed, 0 failed, 0 skipped" \
     "status|exit(3)|3 passed, 0 failed, 0 skipped" "empty|exit(0)|0 passed, 0 failed, 0 skipped" \
     "round|for (;;) rand()|words" "wait|sleep(999)|words" \
     "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one" \
+    "leak|char *volatile p = malloc(5); if (p) p = NULL|$one" \
     "undefined|volatile int i = 0x7fffffff; i = i + 1|$one" \
     "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
 check test_fails_on_a_failure fails_too bad '2 passed, 1 failed, 0 skipped'
@@ -180,6 +182,7 @@ check test_stops_what_goes_round_for_ever stopped_for round 'stopped after 1 s o
 check test_stops_what_waits_for_ever stopped_for wait 'hung: stopped after 20 s'
 # only sanitizers find these errors
 check test_sees_a_heap_overflow sanitized_only overflow
+check test_sees_a_leak sanitized_only leak
 check test_sees_undefined_behaviour sanitized_only undefined
 sees_a_race() { says ok threads sanitized "$one" && says ok threads rest "$one" && says FAIL threads threads "$none"; }
 check test_sees_a_race sees_a_race
