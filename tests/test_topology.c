@@ -726,19 +726,22 @@ TEST(divisions_halve_fractions) {
           (double)sbl__solution_fraction(&b, 1));
 }
 
-/* Stored light does not fit a scene in which the host draws in other bounds. */
+/* Stored light does not fit a scene in which the host draws in other bounds, or that is far from where it was. The
+   lights, relative to the surfaces, stay the same. */
 TEST(bounds_of_draws_are_hashed) {
     static sbl__scene scene;
-    uint64_t hashes[3][SBL__SAVED_HASHES];
-    int i;
-    for (i = 0; i < 3; i++) {
+    uint64_t hashes[4][SBL__SAVED_HASHES];
+    int i, k;
+    for (i = 0; i < 4; i++) {
         scene.draw = i ? draws_nothing : NULL;
-        scene.draw_bounds[1][2] = (float)i;
+        scene.draw_bounds[1][2] = (float)(i < 3 ? i : 2);
+        scene.geometry.centre[1] = i < 3 ? 0 : 1e6f;
         sbl__saved_scene(&scene, hashes[i]);
     }
     for (i = 0; i < SBL__SAVED_HASHES; i++)
-        CHECK((hashes[0][i] == hashes[1][i]) == (i != SBL__SAVED_MESHES) &&
-                  (hashes[1][i] == hashes[2][i]) == (i != SBL__SAVED_MESHES), "hash %d", i);
+        for (k = 0; k < 3; k++)
+            CHECK((hashes[k][i] == hashes[k + 1][i]) == (i != SBL__SAVED_MESHES), "scenes %d and %d: hash %d", k, k + 1,
+                  i);
 }
 
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
@@ -920,6 +923,75 @@ TEST(further_points_do_not_count_more) {
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) hits[i].by_metal = 1;
     sbl__bright_sum_found(&b, 0);  /* light by way of metal is found, but not at the leaf */
     CHECK(b.found.light > 0 && !(leaf_found[1].rays > 0), "%g rays by way of metal", (double)leaf_found[1].rays);
+}
+
+/* Some rays find two leaves that are much brighter than all others. Leaf 1 is seen by single rays of many points. Leaf
+   2 fills the view of one point, so that rays find it easily. Only leaf 1 becomes bright. Leaf 3 is in the place of leaf
+   1, and leaf 4 in that of leaf 2, for short rays. */
+TEST(places_that_fill_the_view_stay_ordinary) {
+    enum { POINTS = 40, SEEING = 20, LEAVES = 6, DARK = 5 };
+    static const float places[LEAVES] = { 1.5f, 11.5f, 21.5f, 11.5f, 21.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
+    static const int expected[LEAVES] = { 0, SBL__BRIGHT, 0, SBL__BRIGHT_LONG, 0, 0 };
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__hit hits[(POINTS + LEAVES) * SBL__BOUNCE_RAYS];
+    static sbl__bounce_point points[POINTS + LEAVES];
+    static sbl__cell_bucket cells[128];
+    static sbl__leaf_found leaf_found[LEAVES];
+    sbl__bounce_leaf states[LEAVES];
+    sbl__leaf leaves[LEAVES];
+    sbl__store store;
+    uint32_t patches[1] = { 0 };
+    int i, k;
+    core.base = base;
+    core.device.base = &core.base;
+    memset(states, 0, sizeof states);
+    memset(leaves, 0, sizeof leaves);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.leaves = leaves;
+    store.leaf_count = LEAVES;
+    store.length = 1;
+    b.core = &core;
+    b.store = &store;
+    b.states = states;
+    b.points = points;
+    b.hits.list = hits;
+    b.leaf_found = leaf_found;
+    b.point_count = POINTS + LEAVES - 1;
+    for (i = 0; i < LEAVES; i++) {
+        sbl__bounce_point *first = &points[i ? POINTS + i - 1 : 0];
+        first->at.position[0] = places[i];
+        first->at.distance = i == 3 || i == 4 ? 0.1f : 9;
+        first->leaf = i;
+        states[i].first = (int)(first - points);
+        states[i].points = i ? 1 : POINTS;
+        states[i].fraction = 1;
+        *sbl__store_bucket(&store, sbl__hit_patch(&store, &first->at), first->at.position) = (uint32_t)i + 1;
+        for (k = 0; k < 3; k++) leaves[i].light[k] = i == 1 || i == 2 ? 1000.0f : 0.1f;
+    }
+    for (i = 0; i < POINTS; i++) points[i].valid = 1;
+    for (i = 0; i < POINTS * SBL__BOUNCE_RAYS; i++) {
+        const int point = i / SBL__BOUNCE_RAYS, ray = i % SBL__BOUNCE_RAYS;
+        hits[i].leaf = (uint32_t)(point == POINTS - 1 ? 2 : point < SEEING && ray == 3 ? 1 : DARK);
+        sbl__albedo_pack(half, hits[i].albedo);
+    }
+    for (i = 0; i < POINTS; i++) sbl__bright_sum_found(&b, i);
+    REQUIRE(sbl__bright_make_list(&b, NULL) == SBL_SUCCESS && store.bright_count == 1, "%d bright cells",
+            store.bright_count);
+    CHECK(!store.bright[0].patch && store.bright[0].at[0] == 11, "cell %u is bright", store.bright[0].at[0]);
+    for (i = 0; i < LEAVES; i++)
+        CHECK(states[i].bright == expected[i] && sbl__leaf_is_bright(leaves[i].light) == (i == 1), "leaf %d: %d, R %g", i,
+              states[i].bright, (double)leaves[i].light[0]);
+    /* Once the light of bright leaves is corrected, they are marked again, and no glow keeps the light from before. */
+    leaves[1].light[0] = 900;
+    core.scene.bright.glow_count = 1;
+    CHECK(sbl__bright_after_correct(&b) == SBL__BOUNCE_GLOW && !core.scene.bright.glow_count, "%d glows are kept",
+          core.scene.bright.glow_count);
+    for (i = 0; i < LEAVES; i++) CHECK(sbl__leaf_is_bright(leaves[i].light) == (i == 1), "leaf %d is not marked", i);
+    sbl__free(&core.base, store.bright);
 }
 
 /* The tests have freed all memory. */
@@ -1707,6 +1779,23 @@ TEST(cuts_lead_on) {
               !sbl__saved_leads(&store, SBL__CELL_CUT, 1), "a cut leads to itself or to an earlier cut");
 }
 
+/* The bright cells of a saved store must be in ascending order. */
+TEST(bright_cells_are_in_order) {
+    static const int orders[4][3] = { { 0, 1, 2 }, { 1, 0, 2 }, { 0, 2, 1 }, { 0, 1, 1 } };
+    static const sbl__bright_cell cells[3] = { { 0, { 1, 9, 9 } }, { 0, { 2, 0, 0 } }, { SBL__PATCH_BACK, { 0, 0, 0 } } };
+    sbl__bright_cell bright[3];
+    sbl__store store;
+    int i, k;
+    memset(&store, 0, sizeof store);
+    store.length = 1;
+    store.bright = bright;
+    store.bright_count = 3;
+    for (i = 0; i < 4; i++) {
+        for (k = 0; k < 3; k++) bright[k] = cells[orders[i][k]];
+        CHECK(sbl__saved_valid(&store, 0) == (i == 0), "order %d", i);
+    }
+}
+
 /* A lamp belongs to the light group of its material, of the sky, or of its light; a glow to none. */
 TEST(lamps_have_the_group_of_their_source) {
     static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_LOCAL_LIGHT, SBL__LAMP_DISTANT_LIGHT,
@@ -2050,6 +2139,7 @@ int main(void) {
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
+    RUN(places_that_fill_the_view_stay_ordinary);
     RUN(no_memory_is_left);
     RUN(groups_of_a_texel_add_up);
     RUN(places_that_differ_are_noisy);
@@ -2076,6 +2166,7 @@ int main(void) {
     RUN(windows_and_tiles_have_ends);
     RUN(dark_sensors_are_inside);
     RUN(cuts_lead_on);
+    RUN(bright_cells_are_in_order);
     RUN(lamps_have_the_group_of_their_source);
     RUN(costs_fall_slowly);
     RUN(extents_are_measured);
