@@ -2587,8 +2587,16 @@ TEST(choices_are_printed) {
         "camera: of the options: --eye 0,1.4,3 --look-at 0,", " --up 0,1,0 --fov 40\n", "\nsbl_render: exposure: ",
         "\nsbl_render: mode: direct\n", "\nsbl_render: size: 24 x 16, ", "\nsbl_render: target error: 5 %, predicted ",
         "\nsbl_render: back end: trace\n", "\nsbl_render: OpenGL renderer: " };
+    /* from above, from below, and away from the scene */
+    static const char *const views[3][3] = {
+        { "0,6,0", "0,1,0", "--eye 0,6,0 --look-at 0,1,0 --up 0,0,-1 " },
+        { "0,-6,0", "0,1,0", "--eye 0,-6,0 --look-at 0,1,0 --up 0,0,1 " },
+        { "0,1,3", "0,1,4", "--eye 0,1,3 --look-at 0,1,4 --up 0,1,0 " } };
     size_t i;
     room_obj();
+    for (i = 0; i < 3; i++)
+        CHECK(TOOL("room.obj", "--size", "8x8", "--channel", "normal", "--eye", views[i][0], "--look-at", views[i][1],
+                   "--verbose", "-o", "told.pfm") == 0 && said(views[i][2]), "view %d: %s", (int)i, ran.err);
     TOOL(ROOM, "--mode", "direct", "--preset", "draft", "--sky", "0,0,0.5", "--verbose", "-o", "told.png");
     for (i = 0; i < sizeof lines / sizeof *lines; i++)
         CHECK(ran.status == 0 && said(lines[i]), "\"%s\" is missing: %s", lines[i], ran.err);

@@ -926,8 +926,8 @@ TEST(further_points_do_not_count_more) {
 }
 
 /* Some rays find two leaves that are much brighter than all others. Leaf 1 is seen by single rays of many points. Leaf
-   2 fills the view of one point, so that rays find it easily. Only leaf 1 becomes bright. Leaf 3 is in the place of leaf
-   1, and leaf 4 in that of leaf 2, for short rays. */
+   2 fills the view of one point, so that rays find it easily. Only leaf 1 becomes bright. For short rays, leaf 3 is in
+   the place of leaf 1, and leaf 4 in that of leaf 2. */
 TEST(places_that_fill_the_view_stay_ordinary) {
     enum { POINTS = 40, SEEING = 20, LEAVES = 6, DARK = 5 };
     static const float places[LEAVES] = { 1.5f, 11.5f, 21.5f, 11.5f, 21.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
@@ -983,8 +983,8 @@ TEST(places_that_fill_the_view_stay_ordinary) {
             store.bright_count);
     CHECK(!store.bright[0].patch && store.bright[0].at[0] == 11, "cell %u is bright", store.bright[0].at[0]);
     for (i = 0; i < LEAVES; i++)
-        CHECK(states[i].bright == expected[i] && sbl__leaf_is_bright(leaves[i].light) == (i == 1), "leaf %d: %d, R %g", i,
-              states[i].bright, (double)leaves[i].light[0]);
+        CHECK(states[i].bright == expected[i] && sbl__leaf_is_bright(leaves[i].light) == (i == 1),
+              "leaf %d: %d, R %g", i, states[i].bright, (double)leaves[i].light[0]);
     /* Once the light of bright leaves is corrected, they are marked again, and no glow keeps the light from before. */
     leaves[1].light[0] = 900;
     core.scene.bright.glow_count = 1;
@@ -1782,7 +1782,8 @@ TEST(cuts_lead_on) {
 /* The bright cells of a saved store must be in ascending order. */
 TEST(bright_cells_are_in_order) {
     static const int orders[4][3] = { { 0, 1, 2 }, { 1, 0, 2 }, { 0, 2, 1 }, { 0, 1, 1 } };
-    static const sbl__bright_cell cells[3] = { { 0, { 1, 9, 9 } }, { 0, { 2, 0, 0 } }, { SBL__PATCH_BACK, { 0, 0, 0 } } };
+    static const sbl__bright_cell cells[3] = {
+        { 0, { 1, 9, 9 } }, { 0, { 2, 0, 0 } }, { SBL__PATCH_BACK, { 0, 0, 0 } } };
     sbl__bright_cell bright[3];
     sbl__store store;
     int i, k;
