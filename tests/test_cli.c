@@ -1372,10 +1372,13 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
-/* Writes lamps.dae: a ground with lamps of all kinds. */
+/* Writes lamps.dae: a ground with lamps of all kinds, and a camera with a horizontal field of view of 90 degrees. */
 static void lamps_dae(void) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
+               "<library_cameras><camera id=\"e\" name=\"e\"><optics><technique_common><perspective><xfov>90</xfov>"
+                   "<znear>0.1</znear><zfar>9</zfar></perspective></technique_common></optics></camera>"
+                   "</library_cameras>"
                "<library_lights><light id=\"a\"><technique_common><point><color>10 0 "
                    "0</color><quadratic_attenuation>0.1</quadratic_attenuation></point></technique_common></light>"
                "<light id=\"b\"><technique_common><spot><color>0 8 "
@@ -1400,14 +1403,19 @@ static void lamps_dae(void) {
                "<node id=\"n1\"><translate>1 2 1</translate><instance_light url=\"#a\"/></node>"
                "<node id=\"n2\"><translate>0 2 0</translate><rotate>1 0 0 -90</rotate><instance_light "
                    "url=\"#b\"/><instance_light url=\"#c\"/></node>"
+               "<node id=\"n4\"><translate>0 1 3</translate><instance_camera url=\"#e\"/></node>"
                "<node id=\"n3\"><instance_light url=\"#d\"/></node></visual_scene></library_visual_scenes>"
                "<scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>");
 }
 
-/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. */
+/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. Its
+   camera is used. */
 TEST(lights_of_other_formats) {
     lamps_dae();
     check_lamps("lamps.dae", 3, collada_lamps, "COLLADA");
+    /* in a picture that is twice as wide as high, the vertical field of view is 2 atan(1 / 2) */
+    CHECK(TOOL("lamps.dae", "--channel", "normal", "--size", "20x10", "--verbose", "-o", "wide.pfm") == 0 &&
+          said("--eye 0,1,3 ") && said(" --fov 53.13\n"), "%s", ran.err);
 }
 
 static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
