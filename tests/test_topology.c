@@ -2110,6 +2110,75 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* The first 4^n points of a triangle lie in 4^n equal triangles that divide it, one point in each. */
+TEST(points_fill_triangles_evenly) {
+    static unsigned char found[64][64];
+    int n, k, twice = 0, outside = 0;
+    for (n = 1; n <= 4; n++) {
+        const int across = 1 << n;
+        memset(found, 0, sizeof found);
+        for (k = 0; k < 1 << 2 * n; k++) {
+            double weights[3];
+            int x, y, z;
+            sbl__vertices_point(k, weights);
+            outside += !(weights[0] > 0 && weights[1] > 0 && weights[2] > 0);
+            x = (int)(weights[0] * across);
+            y = (int)(weights[1] * across);
+            z = (int)(weights[2] * across);
+            outside += x < 0 || y < 0 || x + y + z != across - 1 - (x + y + z == across - 2);
+            if (x >= 0 && y >= 0 && x < 32 && y < 64) twice += found[2 * x + (x + y + z == across - 2)][y]++;
+        }
+    }
+    CHECK(!outside && !twice, "%d points are outside, %d share a triangle", outside, twice);
+}
+
+/* In the air, each direction has the mean light of its valid sites. */
+TEST(air_has_the_mean_of_valid_sites) {
+    static sbl__bounce b;
+    static sbl_reading readings[SBL__AIR_SITES];
+    sbl__store store;
+    int i;
+    memset(&store, 0, sizeof store);
+    b.store = &store;
+    b.readings = readings;
+    for (i = 0; i < SBL__AIR_SITES; i++) {
+        readings[i].valid = i % 6 != 4 && (i % 6 != 1 || i < 12);  /* two valid sites face -x; none faces +z */
+        readings[i].radiance[1] = (float)(i / 6 + i % 6);
+    }
+    CHECK(sbl__bounce_after_air(&b) == SBL__BOUNCE_DONE, "the work goes on");
+    for (i = 0; i < 6; i++) {
+        const double expected = i == 4 ? 0 : i + (i == 1 ? 0.5 : 0.5 * (SBL__AIR_SITES / 6 - 1));
+        CHECK(fabs((double)store.air[i][1] - expected) < 1e-5, "side %d has %g, expected %g", i,
+              (double)store.air[i][1], expected);
+    }
+}
+
+/* The light groups of the two sides of a triangle are those of two leaves. */
+TEST(sides_have_their_own_groups) {
+    static const float layers[4] = { 1, 2, 5, 0 }, inside[3] = { 0.5f, 0.5f, 0.5f }, outside[3] = { 9.5f, 0.5f, 0.5f };
+    static sbl__cell_bucket cells[128];
+    uint32_t patches[1] = { 0 };
+    sbl__store store;
+    int back;
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.layers = (float *)(uintptr_t)layers;
+    store.leaf_count = 2;
+    store.length = 1;
+    *sbl__store_bucket(&store, 0, inside) = 1;
+    *sbl__store_bucket(&store, SBL__PATCH_BACK, inside) = 2;
+    for (back = 0; back < 2; back++) {
+        float sum[2] = { 10, 20 };
+        CHECK(sbl__stored_layers_add(&store, 0, back, outside, 2, sum) == 0 && fabs((double)sum[0] - 10) < 1e-6,
+              "light where there is no leaf");
+        CHECK(sbl__stored_layers_add(&store, 0, back, inside, 2, sum) == 1 &&
+                  fabs((double)sum[0] - (back ? 15 : 11)) + fabs((double)sum[1] - (back ? 20 : 22)) < 1e-5,
+              "side %d adds %g and %g", back, (double)sum[0] - 10, (double)sum[1] - 20);
+    }
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -2180,6 +2249,9 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(points_fill_triangles_evenly);
+    RUN(air_has_the_mean_of_valid_sites);
+    RUN(sides_have_their_own_groups);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
