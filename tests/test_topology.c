@@ -2110,6 +2110,37 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* Progress counts finished batches of probes, in the current batch both kinds of sites, and the finished layers of a
+   map that is joined. */
+TEST(batches_are_progress) {
+    static sbl__probes p;
+    static sbl__joining j;
+    int kind, stage;
+    p.work.front_end = &sbl__probes_front_end;
+    p.desc.probe_count = 100;
+    p.desc.options.rays = 60;
+    p.first = 40;
+    p.taken = p.count = 20;
+    p.latitudes = 2;
+    p.around = 6;
+    for (kind = SBL__PROBE_HEMISPHERES; kind <= SBL__PROBE_RAYS; kind++) {
+        p.kind = kind;
+        p.from = (kind == SBL__PROBE_RAYS ? 60 : 2 * 6 + 6) * 20 / 2;
+        CHECK(fabs((double)sbl__probes_progress(&p) - (kind == SBL__PROBE_RAYS ? 0.55 : 0.45)) < 1e-6,
+              "sites of kind %d: %g", kind, (double)sbl__probes_progress(&p));
+    }
+    p.round = 1;
+    CHECK(fabs((double)sbl__probes_progress(&p) - 0.6) < 1e-6, "moved probes: %g", (double)sbl__probes_progress(&p));
+    j.work.front_end = &sbl__windows_front_end;
+    j.desc.lightmap.directional = 1;
+    for (stage = 0; stage < SBL__JOINING_DONE; stage++) {
+        j.work.stages.stage = stage;
+        j.layer = stage % SBL__LAYERS;
+        CHECK(fabs((double)sbl__joining_progress(&j) * SBL__LAYERS - j.layer - (double)stage / SBL__JOINING_DONE) <
+                  1e-5, "stage %d of layer %d: %g", stage, j.layer, (double)sbl__joining_progress(&j));
+    }
+}
+
 /* The first 4^n points of a triangle lie in 4^n equal triangles that divide it, one point in each. */
 TEST(points_fill_triangles_evenly) {
     static unsigned char found[64][64];
@@ -2249,6 +2280,7 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(batches_are_progress);
     RUN(points_fill_triangles_evenly);
     RUN(air_has_the_mean_of_valid_sites);
     RUN(sides_have_their_own_groups);
