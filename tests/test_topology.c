@@ -2110,6 +2110,28 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* The light groups of a leaf add up to its light, even if it is bright; none is negative. Light that no group has
+   caused goes to the first group. */
+TEST(groups_of_a_leaf_add_up) {
+    static sbl__bounce b;
+    static sbl__core core;
+    static const float expected[6] = { 2, 4, 0, 6, 0, 0 };
+    float layers[6] = { 1, 0, 0, 3, 0, -5 };
+    sbl__leaf leaf = { { -8, 4, 0 }, 0 };
+    sbl__store store;
+    int k;
+    memset(&store, 0, sizeof store);
+    core.scene.light_groups = 2;
+    b.core = &core;
+    b.store = &store;
+    store.leaves = &leaf;
+    store.layers = layers;
+    sbl__solution_layers_scale(&b, 0);
+    for (k = 0; k < 6; k++)
+        CHECK(fabs((double)layers[k] - (double)expected[k]) < 1e-5, "group %d, channel %d: %g", k / 3, k % 3,
+              (double)layers[k]);
+}
+
 /* Progress counts finished batches of probes, in the current batch both kinds of sites, and the finished layers of a
    map that is joined. */
 TEST(batches_are_progress) {
@@ -2280,6 +2302,7 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(groups_of_a_leaf_add_up);
     RUN(batches_are_progress);
     RUN(points_fill_triangles_evenly);
     RUN(air_has_the_mean_of_valid_sites);
