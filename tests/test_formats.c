@@ -516,8 +516,8 @@ static double worst_of_floor(const unsigned char *rgb, const picture *light) {
     return seen > 1000 ? worst : 1;
 }
 
-/* In the lit scene, vertex colours tint the albedo, and the transform of a mesh moves its vertices. The exposure ignores
-   texels below a twentieth of the mean, which are hidden. */
+/* In the lit scene, vertex colours tint the albedo, and the transform of a mesh moves its vertices. The exposure
+   ignores texels below a twentieth of the mean, which are hidden. */
 TEST(lit_scenes_have_tints_places_and_exposure) {
     enum { ACROSS = 10, HIDDEN = 40 };
     static float light[3] = { 0.4f, 0.4f, 0.4f }, dark[3 * ACROSS * ACROSS];
