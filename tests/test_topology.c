@@ -678,6 +678,36 @@ TEST(sensors_of_other_surfaces_split_no_tile) {
     CHECK(!sbl__tile_differs(&r, &tile), "a sensor of another surface differs");
 }
 
+/* A sensor on the edge of a tile differs from the light between the corners by 2 in one channel. Its noise explains a
+   part of the squared difference, or all of it. */
+TEST(noise_of_sensors_is_no_bias) {
+    enum { SIDE = 5 };
+    static const double variances[3] = { 0, 1, 4 }, expected[3] = { 4, 2.5, 0 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    r.luminance = 1;
+    memset(&tile, 0, sizeof tile);
+    tile.area.x[1] = tile.area.y[1] = SIDE - 1;
+    for (k = 0; k < 3; k++) r.weights[k] = 1;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i == 2 || (i % SIDE % 4 == 0 && i / SIDE % 4 == 0);
+        sensors[i].looks = 1;
+        for (k = 0; k < 3; k++) sensors[i].radiance[k] = i == 2 && k == 1 ? 3 : 1;
+    }
+    for (i = 0; i < 3; i++) {
+        sensors[2].variance = variances[i];
+        CHECK(fabs((double)sbl__tile_sensor_bias2(&r, &tile) - expected[i]) < 1e-5,
+              "variance %g: the squared bias is %g", variances[i], (double)sbl__tile_sensor_bias2(&r, &tile));
+    }
+}
+
 /* Each division of a cell halves the fraction of the cell that the leaves on both of its sides cover; a cut along an
    object does not. A leaf without points has the fraction 1. */
 TEST(divisions_halve_fractions) {
@@ -2110,6 +2140,47 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* The triangles of a flat mirror are one plane, whose bounds contain both. A matte, a rougher, and a parallel triangle
+   do not belong to it. */
+TEST(triangles_of_a_mirror_are_one_plane) {
+    static const float at[12] = { 0, 0, 0, 4, 0, 0, 4, 3, 0, 0, 3, 0 };
+    static sbl__lamp_trees l;
+    uint32_t indices[15] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 8, 9, 10, 12, 13, 14 };
+    sbl__vertex vertices[16];
+    sbl__object objects[4];
+    sbl__geometry g;
+    int i, k;
+    memset(vertices, 0, sizeof vertices);
+    memset(objects, 0, sizeof objects);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.objects = objects;
+    g.triangle_count = 5;
+    g.extent = 5;
+    l.geometry = &g;
+    for (i = 0; i < 16; i++) {
+        memcpy(vertices[i].position, at + 3 * (i % 4), 12);
+        vertices[i].object = (uint32_t)i / 4;
+        if (i >= 12) vertices[i].position[2] = 1;
+    }
+    for (i = 0; i < 4; i++) {
+        objects[i].reflectance = i == 1 ? -1 : 0.5f;
+        objects[i].roughness = i == 2 ? 0.45f : 0.2f;
+        for (k = 0; k < 3; k++) objects[i].albedo[k] = 0.5f;
+    }
+    for (i = 0; i < 5; i++) CHECK(sbl__planes_add(&l, i) == SBL_SUCCESS, "triangle %d", i);
+    REQUIRE(l.plane_count == 3, "%d planes", l.plane_count);
+    CHECK(fabs(l.planes[0].own - 6) < 1e-5 && fabs(l.planes[0].weight - 6) < 1e-5, "the mirror reflects %g",
+          l.planes[0].own);
+    for (k = 0; k < 2; k++)
+        CHECK(fabs((double)l.planes[0].bounds.low[k]) < 1e-6 &&
+                  fabs((double)l.planes[0].bounds.high[k] - (k ? 3 : 4)) < 1e-6, "axis %d: from %g to %g", k,
+              (double)l.planes[0].bounds.low[k], (double)l.planes[0].bounds.high[k]);
+    CHECK(fabs(l.planes[2].offset - 1) < 1e-6 && fabs(l.planes[1].own - 3) < 1e-5, "other planes: %g, %g",
+          l.planes[2].offset, l.planes[1].own);
+}
+
 /* The light groups of a leaf add up to its light, even if it is bright; none is negative. Light that no group has
    caused goes to the first group. */
 TEST(groups_of_a_leaf_add_up) {
@@ -2256,6 +2327,7 @@ int main(void) {
     RUN(first_tiles_end_with_the_picture);
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
+    RUN(noise_of_sensors_is_no_bias);
     RUN(divisions_halve_fractions);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
@@ -2302,6 +2374,7 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(triangles_of_a_mirror_are_one_plane);
     RUN(groups_of_a_leaf_add_up);
     RUN(batches_are_progress);
     RUN(points_fill_triangles_evenly);
