@@ -471,7 +471,7 @@ static double luminance(const picture *p, int x, int y) {
 TEST(a_file_without_light_gets_a_studio) {
     picture final, id;
     int x, y, boxes = 0, grounds = 0, others = 0, black = 0, clipped = 0;
-    double front = 0, darkest = 1e9, far, near;
+    double front = 0, darkest = 1e9, far, near, middle = 0, shadow = 0, shade = 0;
     white_obj();
     REQUIRE(TOOL("white.obj", STUDIO_SHOT, "-o", "white.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
     CHECK(said("the file has no light") && said("a sun and a ground") && ran.err_lines == 1, "said: %s", ran.err);
@@ -491,8 +491,15 @@ TEST(a_file_without_light_gets_a_studio) {
             clipped += value > 1;
             if (which == 1 && value > front) front = value;
             if (which == 2 && value < darkest) darkest = value;
+            middle += which == 1 ? x : 0;
         }
     far = luminance(&final, 1, 0);
+    for (y = 0; y < 36; y++)
+        for (x = 0; x < 48; x++) {
+            const double missing = at(&id, x, y, 0) == 2 ? test_max(far - luminance(&final, x, y), 0) : 0;
+            shade += missing;
+            shadow += missing * x;
+        }
     near = luminance(&final, 1, 34);
     CHECK(boxes > 300 && grounds > 300 && !others, "%d pixels show the box, %d the ground, %d others", boxes, grounds,
           others);
@@ -500,6 +507,8 @@ TEST(a_file_without_light_gets_a_studio) {
           clipped, front, far);
     CHECK(fabs(near / far - 1) < 0.06, "the ground has %g in front and %g far away", near, far);
     CHECK(darkest < 0.7 * far, "the shadow has %g, the background %g", darkest, far);
+    CHECK(shadow / shade > middle / boxes + 2, "the sun is on the left, but the shadow of a box in column %g is in %g",
+          middle / boxes, shadow / shade);
     free(final.values);
     free(id.values);
 }

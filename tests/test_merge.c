@@ -374,12 +374,18 @@ static int kill_after(int count, const char *output) {
    once. A run that was killed continues with the first missing window, and the result has the same bits. No temporary
    files remain. */
 TEST(killed_runs_go_on) {
-    int killed[3], windows[3], k;
+    int killed[3], windows[3], all = -1, of_levels = 0, k;
+    const char *at;
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose", "--stats", "stats.json") == 0 && said("window 2 of "), "%s",
           ran.err);
     read_text(in_folder("stats.json"), ran.out, sizeof ran.out, &ran.out_lines);
     CHECK(strstr(ran.out, "\"size\": [450, 300]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
+    for (at = ran.out; (at = strstr(at, "\"sensors\": ")) != NULL; at++) {  /* first all, then those of levels */
+        if (all < 0) all = atoi(at + 11);
+        else of_levels += atoi(at + 11);
+    }
+    CHECK(all > 0 && all == of_levels, "%d sensors, %d in levels: %s", all, of_levels, ran.out);
     CHECK(!exists("once.exr.parts"), "the folder is left");
     for (k = 0; k < 3; k++) {
         killed[k] = kill_after(k, "often.exr");

@@ -756,6 +756,50 @@ TEST(divisions_halve_fractions) {
           (double)sbl__solution_fraction(&b, 1));
 }
 
+/* If a cut has split a leaf, its hits are looked up again; each belongs to the leaf on its side. Hits in other leaves
+   keep their leaf, if it is current. */
+TEST(hits_follow_cuts) {
+    static const float places[3] = { 0.2f, 0.7f, 5.5f };
+    static const uint32_t expected[3] = { 0, 1, 2 };
+    static sbl__bounce b;
+    static sbl__cell_bucket cells[128];
+    static sbl__hit hits[SBL__BOUNCE_RAYS];
+    uint32_t patches[1] = { 0 };
+    sbl__bounce_leaf states[3];
+    sbl__cut cut;
+    sbl__store store;
+    int i;
+    memset(states, 0, sizeof states);
+    memset(&cut, 0, sizeof cut);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.cuts = &cut;
+    store.length = 1;
+    b.store = &store;
+    b.states = states;
+    b.hits.list = hits;
+    cut.normal[0] = 1;
+    cut.distance = 0.5f;
+    cut.sides[0] = 1;
+    cut.sides[1] = 2;
+    states[0].cut = 1;
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
+        hits[i].side = i < 3 ? 0 : SBL__NOWHERE;
+        if (i >= 3) continue;
+        hits[i].position[0] = places[i];
+        hits[i].distance = 9;
+        hits[i].leaf = i < 2 ? 0 : 2;  /* before the cut, the first two hits were in one leaf */
+        hits[i].current = 1;
+    }
+    *sbl__store_bucket(&store, 0, hits[0].position) = SBL__CELL_CUT;
+    CHECK(sbl__solution_link(&b, 0) == SBL_SUCCESS, "no hits");
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++)
+        CHECK(hits[i].leaf == (i < 3 ? expected[i] : SBL__NOWHERE) && hits[i].current == (i < 3), "hit %d: leaf %u", i,
+              hits[i].leaf);
+}
+
 /* Stored light does not fit a scene in which the host draws in other bounds, or that is far from where it was. The
    lights, relative to the surfaces, stay the same. */
 TEST(bounds_of_draws_are_hashed) {
@@ -2329,6 +2373,7 @@ int main(void) {
     RUN(edges_of_spots_are_soft);
     RUN(noise_of_sensors_is_no_bias);
     RUN(divisions_halve_fractions);
+    RUN(hits_follow_cuts);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
