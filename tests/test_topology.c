@@ -800,6 +800,42 @@ TEST(hits_follow_cuts) {
               hits[i].leaf);
 }
 
+/* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
+static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
+    int k;
+    memset(leaves, 0, 2 * sizeof *leaves);
+    memset(store, 0, sizeof *store);
+    for (k = 0; k < 3; k++) leaves[1].light[k] = 8;
+    store->leaves = leaves;
+    store->leaf_count = 2;
+    b->store = store;
+    b->states = states;
+}
+
+/* The uncertainty of a leaf without points is SBL__UNCERTAINTY_STRATA times the noise that other leaves send, relative
+   to its light, up to a limit. */
+TEST(uncertainty_has_a_limit) {
+    static const double noises[3] = { 0.03, 0.06, 5 }, most = SBL__UNCERTAINTY_MOST;
+    static sbl__bounce b;
+    float solved[6] = { 2, 2, 2, 0, 0, 0 }, own[6] = { 0.5f, 0.5f, 0.5f, 0, 0, 0 };
+    sbl__bounce_leaf states[2];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    int i, k;
+    memset(states, 0, sizeof states);
+    set_leaves(&b, &store, leaves, states);
+    b.solved = solved;
+    b.direct = own;
+    for (i = 0; i < 3; i++) {
+        const double expected = SBL__UNCERTAINTY_STRATA * SBL__MIN(noises[i], most);
+        for (k = 0; k < 3; k++) leaves[0].light[k] = (float)(0.5 + 2 * noises[i]);
+        sbl__uncertainty_leaf(&b, 0);
+        CHECK(fabs((double)sbl__leaf_uncertainty(leaves[0].light) / expected - 1) < 0.05 &&
+                  fabs((double)leaves[0].light[0] - 2) < 1e-6, "noise %g: R %g, uncertainty %g, expected %g", noises[i],
+              (double)leaves[0].light[0], (double)sbl__leaf_uncertainty(leaves[0].light), expected);
+    }
+}
+
 /* Stored light does not fit a scene in which the host draws in other bounds, or that is far from where it was. The
    lights, relative to the surfaces, stay the same. */
 TEST(bounds_of_draws_are_hashed) {
@@ -816,18 +852,6 @@ TEST(bounds_of_draws_are_hashed) {
         for (k = 0; k < 3; k++)
             CHECK((hashes[k][i] == hashes[k + 1][i]) == (i != SBL__SAVED_MESHES), "scenes %d and %d: hash %d", k, k + 1,
                   i);
-}
-
-/* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
-static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
-    int k;
-    memset(leaves, 0, 2 * sizeof *leaves);
-    memset(store, 0, sizeof *store);
-    for (k = 0; k < 3; k++) leaves[1].light[k] = 8;
-    store->leaves = leaves;
-    store->leaf_count = 2;
-    b->store = store;
-    b->states = states;
 }
 
 /* Only the second of three points has a ray that sees a back face, its last. A missed ray of the third point has an odd
@@ -2374,6 +2398,7 @@ int main(void) {
     RUN(noise_of_sensors_is_no_bias);
     RUN(divisions_halve_fractions);
     RUN(hits_follow_cuts);
+    RUN(uncertainty_has_a_limit);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
