@@ -813,7 +813,7 @@ static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], s
 }
 
 /* The uncertainty of a leaf without points is SBL__UNCERTAINTY_STRATA times the noise that other leaves send, relative
-   to its light, up to a limit. */
+   to its light, up to a limit. They send it on SBL__UNCERTAINTY_ITERATIONS times. */
 TEST(uncertainty_has_a_limit) {
     static const double noises[3] = { 0.03, 0.06, 5 }, most = SBL__UNCERTAINTY_MOST;
     static sbl__bounce b;
@@ -821,7 +821,7 @@ TEST(uncertainty_has_a_limit) {
     sbl__bounce_leaf states[2];
     sbl__leaf leaves[2];
     sbl__store store;
-    int i, k;
+    int i, k, rounds = 1;
     memset(states, 0, sizeof states);
     set_leaves(&b, &store, leaves, states);
     b.solved = solved;
@@ -834,6 +834,8 @@ TEST(uncertainty_has_a_limit) {
                   fabs((double)leaves[0].light[0] - 2) < 1e-6, "noise %g: R %g, uncertainty %g, expected %g", noises[i],
               (double)leaves[0].light[0], (double)sbl__leaf_uncertainty(leaves[0].light), expected);
     }
+    while (rounds < 100 && sbl__uncertainty_after_propagate(&b) == SBL__BOUNCE_PROPAGATE) rounds++;
+    CHECK(rounds == SBL__UNCERTAINTY_ITERATIONS, "noise is sent on %d times", rounds);
 }
 
 /* Stored light does not fit a scene in which the host draws in other bounds, or that is far from where it was. The
