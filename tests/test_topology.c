@@ -2213,7 +2213,7 @@ TEST(leaves_have_limits) {
 /* The triangles of a flat mirror are one plane, whose bounds contain both. A matte, a rougher, and a parallel triangle
    do not belong to it. */
 TEST(triangles_of_a_mirror_are_one_plane) {
-    static const float at[12] = { 0, 0, 0, 4, 0, 0, 4, 3, 0, 0, 3, 0 };
+    static const float at[12] = { 0, 0, 0, 4, 0, 0, 4, 3, 0, 0, 5, 0 };
     static sbl__lamp_trees l;
     uint32_t indices[15] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 8, 9, 10, 12, 13, 14 };
     sbl__vertex vertices[16];
@@ -2241,11 +2241,11 @@ TEST(triangles_of_a_mirror_are_one_plane) {
     }
     for (i = 0; i < 5; i++) CHECK(sbl__planes_add(&l, i) == SBL_SUCCESS, "triangle %d", i);
     REQUIRE(l.plane_count == 3, "%d planes", l.plane_count);
-    CHECK(fabs(l.planes[0].own - 6) < 1e-5 && fabs(l.planes[0].weight - 6) < 1e-5, "the mirror reflects %g",
+    CHECK(fabs(l.planes[0].own - 8) < 1e-5 && fabs(l.planes[0].weight - 8) < 1e-5, "the mirror reflects %g",
           l.planes[0].own);
     for (k = 0; k < 2; k++)
         CHECK(fabs((double)l.planes[0].bounds.low[k]) < 1e-6 &&
-                  fabs((double)l.planes[0].bounds.high[k] - (k ? 3 : 4)) < 1e-6, "axis %d: from %g to %g", k,
+                  fabs((double)l.planes[0].bounds.high[k] - (k ? 5 : 4)) < 1e-6, "axis %d: from %g to %g", k,
               (double)l.planes[0].bounds.low[k], (double)l.planes[0].bounds.high[k]);
     CHECK(fabs(l.planes[2].offset - 1) < 1e-6 && fabs(l.planes[1].own - 3) < 1e-5, "other planes: %g, %g",
           l.planes[2].offset, l.planes[1].own);
