@@ -684,6 +684,11 @@ TEST(groups_of_probes) {
     }
     CHECK(off < 2e-6 * norm, "the sum is off by %g of %g", off, norm);
     CHECK(apart_by < 0.02 * norm, "the lamp alone is off by %g of %g", apart_by, norm);
+    /* the lamp, which matches no pattern, joins the group with the name "rest" */
+    CHECK(TOOL("room.gltf", SKY, "--probes", "1x1x1", "--light-groups", "rest=nothing,above=sky", "-o", "r.json") == 0,
+          "%s", ran.err);
+    read_text(in_folder("r.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\n \"groups\": [\"rest\", \"above\"],\n \"probes\": ["), "%s", text);
 }
 
 /* Probes take more rays than sensors do. A number outside of the range is a misuse that names the option. */

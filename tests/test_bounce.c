@@ -1605,8 +1605,8 @@ static void patch_above_ground(test_scene *s, float half) {
     for (i = 0; i < 8; i++) add_site(i < 4 ? 0.04 * i - 0.04 : 0.4 * i - 1.4, 0, 0.1 * i, 0, 1, 0, 1);
 }
 
-/* Returns R on the ground from the patch of patch_above_ground. */
-static double light_of_patch(double half, const float site[3]) {
+/* Returns R on the ground from the patch of patch_above_ground. end: the patch is black where x is larger */
+static double light_of_patch(double half, double end, const float site[3]) {
     enum { STEPS = 400 };
     double sum = 0;
     int i;
@@ -1614,7 +1614,7 @@ static double light_of_patch(double half, const float site[3]) {
         const double x = half * (2 * (i % STEPS + 0.5) / STEPS - 1), z = half * (2 * (i / STEPS + 0.5) / STEPS - 1);
         const double to_spot2 = x * x + z * z + 1, dx = x - (double)site[0], dz = z - (double)site[2];
         const double radiance = 0.8 * 50 / TEST_PI / (to_spot2 * sqrt(to_spot2)), d2 = dx * dx + dz * dz + 4;
-        if ((double)site[0] + 0.45 * dx < 0) continue;  /* the line to the patch passes the plate */
+        if (x > end || (double)site[0] + 0.45 * dx < 0) continue;  /* the line to the patch passes the plate */
         sum += radiance * 4 / (TEST_PI * d2 * d2) * (4 * half * half / (STEPS * STEPS));
     }
     return sum;
@@ -1624,10 +1624,10 @@ static double worst_below_patch(double half) {
     double worst = 0;
     int i;
     for (i = 0; i < site_count; i++) {
-        const double expected = light_of_patch(half, sites[i].position);
+        const double expected = light_of_patch(half, half, sites[i].position);
         worst = test_max(worst, fabs((double)readings[i].radiance[1] - expected));
     }
-    return worst / light_of_patch(half, sites[4].position);
+    return worst / light_of_patch(half, half, sites[4].position);
 }
 
 /* Few rays find a small bright place by chance, so it must be a lamp. A store that is saved and loaded
@@ -1658,8 +1658,37 @@ TEST(a_small_bright_place) {
               sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64),
               "the store was not saved and loaded: %s", watch_last(&seen));
         CHECK(!memcmp(first, readings, (size_t)site_count * sizeof *first), "a loaded store gives other light");
+        saved.at = 0;
+        CHECK(inside_glow_count(context) > 0 && sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS &&
+              inside_glow_count(context) == 0, "glows outlast the store that they were made from");
         scene_free(&s);
     }
+}
+
+/* The patch has a texture, which makes its half with x > 0 black. Its light comes from the other half. */
+TEST(glows_show_their_texture) {
+    enum { TEXELS = 64 };
+    const double half = 0.3;
+    static unsigned char texels[TEXELS];
+    test_scene s = { 0 };
+    double sum = 0, expected = 0;
+    int i;
+    for (i = 0; i < TEXELS; i++) texels[i] = i < TEXELS / 2 ? 255 : 0;
+    patch_above_ground(&s, (float)half);
+    s.materials[s.meshes[0].material].albedo_texture =
+        scene_texture(&s, texels, TEXELS, SBL_PIXELS_LINEAR8, TEXELS, 1, 1);
+    if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64)) {
+        CHECK(inside_glow_count(context) > 0, "the patch has made no glow");
+        for (i = 4; i < site_count; i++) {  /* the plate hides a part of the patch from the first four sites */
+            sum += (double)readings[i].radiance[1];
+            expected += light_of_patch(half, 0, sites[i].position);
+        }
+        printf("  light on the ground: %.4f, expected %.4f; behind the plate: %.4f\n", sum, expected,
+               (double)readings[0].radiance[1]);
+        CHECK(fabs(sum / expected - 1) < 0.05, "the patch sends %g, expected %g", sum, expected);
+        CHECK(readings[0].radiance[1] < 0.005f, "the black half sends %g", (double)readings[0].radiance[1]);
+    }
+    scene_free(&s);
 }
 
 /* Sensors face grey ground from a height of 0.02. Where a ray hits ground this near, it continues with further segments
@@ -1678,7 +1707,7 @@ TEST(near_hits_find_glows) {
         CHECK(inside_glow_count(context) > 0, "the patch has made no glow");
         for (i = 0; i < site_count; i++) {
             sum += (double)readings[i].radiance[1];
-            expected += 0.8 * light_of_patch(half, sites[i].position);
+            expected += 0.8 * light_of_patch(half, half, sites[i].position);
         }
         printf("  light of the ground: %.4f, expected %.4f; %d glows\n", sum / 16, expected / 16,
                inside_glow_count(context));
@@ -1900,6 +1929,7 @@ int main(void) {
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);
+    RUN(glows_show_their_texture);
     RUN(near_hits_find_glows);
     RUN_UNSANITIZED(bright_leaves_are_right_on_average);
     RUN(a_lit_floor_is_no_glow);

@@ -471,7 +471,7 @@ static double luminance(const picture *p, int x, int y) {
 TEST(a_file_without_light_gets_a_studio) {
     picture final, id;
     int x, y, boxes = 0, grounds = 0, others = 0, black = 0, clipped = 0;
-    double front = 0, darkest = 1e9, far, near;
+    double front = 0, darkest = 1e9, far, near, middle = 0, shadow = 0, shade = 0;
     white_obj();
     REQUIRE(TOOL("white.obj", STUDIO_SHOT, "-o", "white.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
     CHECK(said("the file has no light") && said("a sun and a ground") && ran.err_lines == 1, "said: %s", ran.err);
@@ -491,8 +491,15 @@ TEST(a_file_without_light_gets_a_studio) {
             clipped += value > 1;
             if (which == 1 && value > front) front = value;
             if (which == 2 && value < darkest) darkest = value;
+            middle += which == 1 ? x : 0;
         }
     far = luminance(&final, 1, 0);
+    for (y = 0; y < 36; y++)
+        for (x = 0; x < 48; x++) {
+            const double missing = at(&id, x, y, 0) == 2 ? test_max(far - luminance(&final, x, y), 0) : 0;
+            shade += missing;
+            shadow += missing * x;
+        }
     near = luminance(&final, 1, 34);
     CHECK(boxes > 300 && grounds > 300 && !others, "%d pixels show the box, %d the ground, %d others", boxes, grounds,
           others);
@@ -500,6 +507,8 @@ TEST(a_file_without_light_gets_a_studio) {
           clipped, front, far);
     CHECK(fabs(near / far - 1) < 0.06, "the ground has %g in front and %g far away", near, far);
     CHECK(darkest < 0.7 * far, "the shadow has %g, the background %g", darkest, far);
+    CHECK(shadow / shade > middle / boxes + 2, "the sun is on the left, but the shadow of a box in column %g is in %g",
+          middle / boxes, shadow / shade);
     free(final.values);
     free(id.values);
 }
@@ -1372,10 +1381,13 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
-/* Writes lamps.dae: a ground with lamps of all kinds. */
+/* Writes lamps.dae: a ground with lamps of all kinds, and a camera with a horizontal field of view of 90 degrees. */
 static void lamps_dae(void) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
+               "<library_cameras><camera id=\"e\" name=\"e\"><optics><technique_common><perspective><xfov>90</xfov>"
+                   "<znear>0.1</znear><zfar>9</zfar></perspective></technique_common></optics></camera>"
+                   "</library_cameras>"
                "<library_lights><light id=\"a\"><technique_common><point><color>10 0 "
                    "0</color><quadratic_attenuation>0.1</quadratic_attenuation></point></technique_common></light>"
                "<light id=\"b\"><technique_common><spot><color>0 8 "
@@ -1400,14 +1412,19 @@ static void lamps_dae(void) {
                "<node id=\"n1\"><translate>1 2 1</translate><instance_light url=\"#a\"/></node>"
                "<node id=\"n2\"><translate>0 2 0</translate><rotate>1 0 0 -90</rotate><instance_light "
                    "url=\"#b\"/><instance_light url=\"#c\"/></node>"
+               "<node id=\"n4\"><translate>0 1 3</translate><instance_camera url=\"#e\"/></node>"
                "<node id=\"n3\"><instance_light url=\"#d\"/></node></visual_scene></library_visual_scenes>"
                "<scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>");
 }
 
-/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. */
+/* The light that lamps of a COLLADA file give the ground agrees with closed forms; ambient lights are ignored. Its
+   camera is used. */
 TEST(lights_of_other_formats) {
     lamps_dae();
     check_lamps("lamps.dae", 3, collada_lamps, "COLLADA");
+    /* in a picture that is twice as wide as high, the vertical field of view is 2 atan(1 / 2) */
+    CHECK(TOOL("lamps.dae", "--channel", "normal", "--size", "20x10", "--verbose", "-o", "wide.pfm") == 0 &&
+          said("--eye 0,1,3 ") && said(" --fov 53.13\n"), "%s", ran.err);
 }
 
 static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
@@ -2587,8 +2604,16 @@ TEST(choices_are_printed) {
         "camera: of the options: --eye 0,1.4,3 --look-at 0,", " --up 0,1,0 --fov 40\n", "\nsbl_render: exposure: ",
         "\nsbl_render: mode: direct\n", "\nsbl_render: size: 24 x 16, ", "\nsbl_render: target error: 5 %, predicted ",
         "\nsbl_render: back end: trace\n", "\nsbl_render: OpenGL renderer: " };
+    /* from above, from below, and away from the scene */
+    static const char *const views[3][3] = {
+        { "0,6,0", "0,1,0", "--eye 0,6,0 --look-at 0,1,0 --up 0,0,-1 " },
+        { "0,-6,0", "0,1,0", "--eye 0,-6,0 --look-at 0,1,0 --up 0,0,1 " },
+        { "0,1,3", "0,1,4", "--eye 0,1,3 --look-at 0,1,4 --up 0,1,0 " } };
     size_t i;
     room_obj();
+    for (i = 0; i < 3; i++)
+        CHECK(TOOL("room.obj", "--size", "8x8", "--channel", "normal", "--eye", views[i][0], "--look-at", views[i][1],
+                   "--verbose", "-o", "told.pfm") == 0 && said(views[i][2]), "view %d: %s", (int)i, ran.err);
     TOOL(ROOM, "--mode", "direct", "--preset", "draft", "--sky", "0,0,0.5", "--verbose", "-o", "told.png");
     for (i = 0; i < sizeof lines / sizeof *lines; i++)
         CHECK(ran.status == 0 && said(lines[i]), "\"%s\" is missing: %s", lines[i], ran.err);

@@ -516,6 +516,58 @@ static double worst_of_floor(const unsigned char *rgb, const picture *light) {
     return seen > 1000 ? worst : 1;
 }
 
+/* In the lit scene, vertex colours tint the albedo, and the transform of a mesh moves its vertices. The exposure
+   ignores texels below a twentieth of the mean, which are hidden. */
+TEST(lit_scenes_have_tints_places_and_exposure) {
+    enum { ACROSS = 10, HIDDEN = 40 };
+    static float light[3] = { 0.4f, 0.4f, 0.4f }, dark[3 * ACROSS * ACROSS];
+    static const float at[9] = { 0, 0, 0, 1, 2, 3, 0, 1, 0 }, uv[6] = { -1, -1, 3, -1, -1, 3 };
+    static const float tints[12] = { 1, 0.5f, 0.25f, 1, 1, 0.5f, 0.25f, 1, 1, 0.5f, 0.25f, 1 };
+    static const float turned[16] = { 0, 2, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1 };
+    static const uint32_t corners[3] = { 0, 1, 2 };
+    static const int map = 0;
+    image atlas = { 1, 1, 3, light, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    image metered = { ACROSS, ACROSS, 3, dark, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    sbl_material material;
+    sbl_mesh mesh;
+    sbl_scene_desc scene;
+    lit_scene lit;
+    float moved_to[3];
+    int i;
+    memset(&material, 0, sizeof material);
+    memset(&mesh, 0, sizeof mesh);
+    memset(&scene, 0, sizeof scene);
+    memset(&lit, 0, sizeof lit);
+    for (i = 0; i < 3; i++) material.albedo[i] = 1;
+    mesh.positions.data = at;
+    mesh.colors.data = tints;
+    mesh.lightmap_texcoords.data = uv;
+    mesh.vertex_count = mesh.index_count = 3;
+    mesh.indices.data = corners;
+    scene.meshes = &mesh;
+    scene.materials = &material;
+    scene.mesh_count = scene.material_count = 1;
+    lit.scene = &scene;
+    lit.maps = &map;
+    lit.atlases = &atlas;
+    lit.map_count = 1;
+    lit.size = 4;
+    REQUIRE(lit_make(&lit), "no texture");
+    for (i = 0; i < 3; i++)  /* the tone curve subtracts 0.04 */
+        CHECK(fabs(linear_of(lit.texels[i]) - (0.4 / (1 << i) - 0.04)) < 0.003, "channel %d is %d", i, lit.texels[i]);
+    lit_free(&lit);
+    lit__position(&mesh, 1, moved_to);
+    CHECK(!memcmp(moved_to, at + 3, sizeof moved_to), "a mesh without a transform moves");
+    memcpy(mesh.transform, turned, sizeof turned);
+    lit__position(&mesh, 1, moved_to);  /* x' = 10 - y, y' = 20 + 2 x, z' = 30 + z */
+    CHECK(fabs((double)moved_to[0] - 8) + fabs((double)moved_to[1] - 22) + fabs((double)moved_to[2] - 33) < 1e-5,
+          "the vertex is at %g %g %g", (double)moved_to[0], (double)moved_to[1], (double)moved_to[2]);
+    for (i = 0; i < 3 * ACROSS * ACROSS; i++) dark[i] = i < 3 * HIDDEN ? 0.02f : 1;
+    REQUIRE(lit_meter(&lit, &metered), "out of memory");
+    CHECK(fabs(lit_stops(&lit) - log(0.71) / log(2)) < 1e-5, "the exposure is %g stops", lit_stops(&lit));
+    lit_free(&lit);
+}
+
 /* The texture shows albedo times light, exposed, tone-mapped and encoded. The lamp is white. Both sets of texture
    coordinates equal those of the map. */
 TEST(a_lit_scene_shows_the_light) {
@@ -559,6 +611,7 @@ int main(int argc, char **argv) {
     RUN(written_normals_have_length_1);
     RUN(alpha_of_textures_is_linear);
     RUN(glass_is_transparent_in_lit_scenes);
+    RUN(lit_scenes_have_tints_places_and_exposure);
     RUN(gaps_show_the_nearer_chart);
     RUN(too_large_values_are_reported);
     RUN(a_full_disk_leaves_nothing);

@@ -353,6 +353,7 @@ TEST(interrupted_sequences_go_on) {
 /* ---- animated cameras ---- */
 
 static float last_key = 1;  /* in seconds */
+static const char *later = "";  /* further animations, which the camera does not follow */
 
 /* Writes scene.gltf and scene.bin: an emitting floor, and a camera below a node. An animation changes the `path` of the
    node from one value at 0 s to another at last_key. count: numbers per value, times 3 for CUBICSPLINE */
@@ -382,9 +383,9 @@ static void animated(const char *path, const char *interpolation, int count, con
         "'bufferViews': [{'buffer': 0, 'byteLength': 48}, {'buffer': 0, 'byteOffset': 48, 'byteLength': 24},"
         "{'buffer': 0, 'byteOffset': 72, 'byteLength': 8}, {'buffer': 0, 'byteOffset': 80, 'byteLength': %d}],"
         "'buffers': [{'byteLength': %d, 'uri': 'scene.bin'}], 'animations': [{'channels': [{'sampler': 0, 'target':"
-        "{'node': 1, 'path': '%s'}}], 'samplers': [{'input': 2, 'output': 3, 'interpolation': '%s'}]}]}",
+        "{'node': 1, 'path': '%s'}}], 'samplers': [{'input': 2, 'output': 3, 'interpolation': '%s'}]}%s]}",
         (double)last_key, count > 4 ? 6 : 2, count > 4 ? count / 3 : count, 2 * value, 80 + 2 * value, path,
-        interpolation);
+        interpolation, later);
     write_json("scene.gltf", text);
 }
 
@@ -425,6 +426,12 @@ TEST(an_animated_camera_moves) {
     CHECK(TOOL(MOVING, "--frames", "1-7", "--part", "7/7", "-o", "n%d.pfm") == 0 && same_files("m7.pfm", "n7.pfm"),
           "%s", ran.err);
     CHECK(difference("m1.pfm", "m7.pfm") > 0.1, "the camera does not move");
+    later = ", {'channels': [{'sampler': 0, 'target': {'node': 1, 'path': 'translation'}}], 'samplers': [{'input': 2, "
+            "'output': 3, 'interpolation': 'STEP'}]}";
+    animated("translation", "LINEAR", 3, zero, right);
+    later = "";
+    CHECK(TOOL(MOVING, "--frames", "7", "-o", "n%d.pfm") == 0 && same_files("m7.pfm", "n7.pfm"),
+          "the second animation counts: %s", ran.err);
     write_json("eye.json", "{'cameras': [{'eye': [0, 2, 4], 'look_at': [0, 0, 0]}]}");
     CHECK(TOOL(MOVING, "--cameras", "eye.json", "-o", "e%d.pfm") == 0 &&
           TOOL(MOVING, "--eye", "0,2,4", "--look-at", "0,0,0", "-o", "o.pfm") == 0 && same_files("e1.pfm", "o.pfm"),

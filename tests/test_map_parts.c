@@ -177,8 +177,9 @@ TEST(joining_is_described) {
 
 /* A damaged plan is refused with an error that names it. An output never replaces a plan. */
 TEST(plans_are_checked) {
-    static const char *const means[] = { "nan 0 0", "-1 0 0", "0 0", "1e999 0 0", "1 1 1 x" };
-    char text[4096], *mean, other[4096];
+    static const char *const facts[][2] = { { "mean", "nan 0 0" }, { "mean", "-1 0 0" }, { "mean", "0 0" },
+        { "mean", "1e999 0 0" }, { "mean", "1 1 1 x" }, { "price", "1 -1 64" }, { "price", "1 1" } };
+    char text[4096], begin[64], *fact, other[4096];
     size_t i;
     int lines;
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -189,13 +190,14 @@ TEST(plans_are_checked) {
     CHECK(BAKE(MAP, "--sky", "sky\n.ppm", "--part", "2/2", "-o", "a.exr", "--plan", "lines") == 0, "%s", ran.err);
     REQUIRE(BAKE(MAP, "--part", "1/2", "-o", "a.exr", "--plan", "good") == 0, "%s", ran.err);
     read_text(in_folder("good"), text, sizeof text, &lines);
-    mean = strstr(text, "sbl.mean ");
-    REQUIRE(mean, "%s", text);
-    for (i = 0; i < sizeof means / sizeof *means; i++) {
-        snprintf(other, sizeof other, "%.*ssbl.mean %s%s", (int)(mean - text), text, means[i], strchr(mean, '\n'));
+    for (i = 0; i < sizeof facts / sizeof *facts; i++) {
+        snprintf(begin, sizeof begin, "sbl.%s ", facts[i][0]);
+        fact = strstr(text, begin);
+        REQUIRE(fact, "%s", text);
+        snprintf(other, sizeof other, "%.*s%s%s%s", (int)(fact - text), text, begin, facts[i][1], strchr(fact, '\n'));
         write_text("bad", other);
-        CHECK(BAKE(MAP, "--part", "1/2", "-o", "a.exr", "--plan", "bad") == 1 && said("bad: it is damaged"), "%s: %s",
-              means[i], ran.err);
+        CHECK(BAKE(MAP, "--part", "1/2", "-o", "a.exr", "--plan", "bad") == 1 && said("bad: it is damaged"),
+              "%s%s: %s", begin, facts[i][1], ran.err);
     }
 }
 

@@ -374,12 +374,18 @@ static int kill_after(int count, const char *output) {
    once. A run that was killed continues with the first missing window, and the result has the same bits. No temporary
    files remain. */
 TEST(killed_runs_go_on) {
-    int killed[3], windows[3], k;
+    int killed[3], windows[3], all = -1, of_levels = 0, k;
+    const char *at;
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose", "--stats", "stats.json") == 0 && said("window 2 of "), "%s",
           ran.err);
     read_text(in_folder("stats.json"), ran.out, sizeof ran.out, &ran.out_lines);
     CHECK(strstr(ran.out, "\"size\": [450, 300]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
+    for (at = ran.out; (at = strstr(at, "\"sensors\": ")) != NULL; at++) {  /* first all, then those of levels */
+        if (all < 0) all = atoi(at + 11);
+        else of_levels += atoi(at + 11);
+    }
+    CHECK(all > 0 && all == of_levels, "%d sensors, %d in levels: %s", all, of_levels, ran.out);
     CHECK(!exists("once.exr.parts"), "the folder is left");
     for (k = 0; k < 3; k++) {
         killed[k] = kill_after(k, "often.exr");
@@ -463,6 +469,27 @@ TEST(a_full_disk_loses_nothing) {
           ran.err);
 }
 
+/* Bounced light is stored beside the finished windows. A later run makes the missing window with this light, and then
+   removes everything. */
+TEST(bounced_light_waits_for_the_rest) {
+    const char *const arguments[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet",
+        "--size", "320x200", "--preset", "draft", "--memory", "24M", "--max-bounce-cells", "1024", "-o", "gi.pfm",
+        "--stats", "gi.json", "--resume", NULL };
+    char stats[4096];
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    tool_use("sbl_render");
+    finish(start(arguments, -1, 500000));
+    CHECK(ran.status == 1 && said("gi.pfm: cannot be written") && exists("gi.pfm.parts/light"), "status %d: %s",
+          ran.status, ran.err);
+    REQUIRE(finished_windows("gi.pfm") > 1 && unlink(in_folder("gi.pfm.parts/2.exr")) == 0, "%d windows",
+            finished_windows("gi.pfm"));
+    CHECK(run(arguments) == 0 && exists("gi.pfm") && !exists("gi.pfm.parts"), "files are left: %s", ran.err);
+    read_text(in_folder("gi.json"), stats, sizeof stats, &lines);
+    CHECK(strstr(stats, "\"bounce_rays\": 0,") && strstr(stats, "\"mode\": \"gi\"") && !strstr(stats, "\"rays\": 0,"),
+          "the stored light was not used: %s", stats);
+}
+
 int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
@@ -484,6 +511,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(finished_windows_are_checked);
     RUN(a_folder_has_one_user);
     RUN(a_full_disk_loses_nothing);
+    RUN(bounced_light_waits_for_the_rest);
     tool_end();
     return test_report();
 }

@@ -470,8 +470,9 @@ TEST(moving_out) {
     static const float at[9] = { 0.8f, 0.5f, 0.55f, 3, 3, 3, 0.5f, 0.5f, 0.7f };
     float there[9];
     static test_scene s;
-    sbl_probe still[3], moved[3], again[3];
+    sbl_probe still[3], moved[3], again[3], parts[3];
     sbl_probes_desc desc = probes_of(at, still, 3);
+    sbl_scene_desc grouped;
     int blocked, i;
     for (blocked = 0; blocked < 2; blocked++) {
         memset(&s, 0, sizeof s);
@@ -512,10 +513,22 @@ TEST(moving_out) {
         desc.move = 0.15f;
         bake(&desc);
         CHECK(memcmp(moved, still, sizeof moved) == 0, "a probe that cannot get out was changed");
-        desc.move = 0.3f;
-        desc.options.mode = SBL_MODE_DIRECT;
+        desc.move = 0.22f;  /* the first probe is 0.2 from a side; an eighth of 0.22 beyond it would be too far */
         bake(&desc);
-        CHECK(moved[2].valid == 0 || apart(moved[2].position, at + 6) <= 0.3001, "a probe was moved farther than move");
+        CHECK((blocked || moved[0].valid) && apart(moved[0].position, at) <= 0.22001 && !moved[2].valid,
+              "probe 0: valid %d, moved by %g; probe 2: valid %d", moved[0].valid, apart(moved[0].position, at),
+              moved[2].valid);
+        grouped = scene_desc(&s);
+        grouped.light_groups = 1;
+        REQUIRE(sbl_set_scene(context, &grouped) == SBL_SUCCESS, "%s", watch_last(&seen));
+        memset(parts, 0, sizeof parts);
+        desc.move = 0.7f;
+        desc.groups = parts;
+        bake(&desc);
+        for (i = 0; i < 3; i++)
+            CHECK(moved[i].valid && !memcmp(parts[i].position, moved[i].position, sizeof parts[i].position) &&
+                      fabs((double)parts[i].sh[0][1] / (double)moved[i].sh[0][1] - 1) < 1e-5,
+                  "probe %d: %g, its light group %g", i, (double)moved[i].sh[0][1], (double)parts[i].sh[0][1]);
         scene_free(&s);
     }
 }

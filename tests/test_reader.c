@@ -1126,7 +1126,9 @@ TEST(transforms_of_texture_coordinates) {
         { MODEL("\"baseColorTexture\":{\"index\":0,\"texCoord\":1," TURNED("") "}"), { 1, 0, 0, 0, 1, 0 }, 0 },
         { MODEL("\"baseColorTexture\":{\"index\":0," TURNED(",\"texCoord\":1") "}"), { 1, 0, 0, 0, 1, 0 }, 0 },
         { MODEL("\"baseColorTexture\":{\"index\":0," TURNED("") "}") ",\"emissiveFactor\":[1,1,1],"
-          "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}", { 0, 0, 0, 1, 0, 0 }, 1 } };
+          "\"emissiveTexture\":{\"index\":0,\"texCoord\":1}", { 0, 0, 0, 1, 0, 0 }, 1 },
+        { MODEL("\"metallicFactor\":0") "," EXTENSION("transmission", "\"transmissionFactor\":1,"
+          "\"transmissionTexture\":{\"index\":0," TURNED("") "}"), { 0, 0, 0, 1, 0, 0 }, 0 } };
     static const float lightmap[6] = { 1, 0, 0, 0, 1, 0 };
     const double c = cos(0.5), s = sin(0.5);
     size_t i;
@@ -1359,6 +1361,7 @@ TEST(transparent_surfaces_are_counted) {
    ignored. An OBJ file without materials has the colours
    of its vertices. */
 TEST(oddities_of_obj) {
+    static const float points[9] = { -0.5f, 0.25f, 0, 0.5f, -0.25f, 0, 0.5f, 0.75f, -0.125f };
     scene_file *file = read_obj("\xef\xbb\xbf", "map_Kd two.png\nnewmtl m0\nKd 1 0.5 0\n", 1);
     REQUIRE(file, "%s", error);
     CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "red is %g",
@@ -1369,6 +1372,11 @@ TEST(oddities_of_obj) {
     REQUIRE(file && file->scene.meshes[0].colors.data, "%s", error);
     CHECK(fabs((double)material_of(file, 0)->albedo[0] - 1) < 1e-6, "the factor is %g",
           (double)material_of(file, 0)->albedo[0]);
+    scene_file_free(file);
+    write_text("plain.obj", "v -.5 .25 0\nv +.5 -.25 0\nv\t.5 .75 -.125\nf 1 2 3\n");
+    file = read_back("plain.obj", 0);
+    REQUIRE(file && file->scene.meshes[0].vertex_count == 3, "%s", error);
+    CHECK(is_near((const float *)file->scene.meshes[0].positions.data, points, 9), "numbers without a zero are wrong");
     scene_file_free(file);
 }
 
@@ -1384,7 +1392,9 @@ TEST(options_of_obj_textures) {
         { "\tmap_Kd -clamp on -cc on two.png", 1, { 0, 1 }, NULL },
         { "map_Kd -mm 0 1 two.png\nnewmtl m1\nKd 1 1 1", 1, { 0, 1 }, NULL },
         { "map_Kd -mm 0 2 two.png", 1, { 0, 1 }, "-mm is ignored" },
-        { "map_Kd two.png\nmap_d -o .5 .5 two.png", 1, { 0, 1 }, "those of its colour are used for all" } };
+        { "map_Kd two.png\nmap_d -o .5 .5 two.png", 1, { 0, 1 }, "those of its colour are used for all" },
+        { "map_Kd two.png\nKe 1 1 1\nmap_Ke -o .5 .5 two.png", 1, { 0, 1 },
+          "those of its colour are used for all" } };
     char mtl[256];
     size_t i;
     stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);

@@ -678,6 +678,36 @@ TEST(sensors_of_other_surfaces_split_no_tile) {
     CHECK(!sbl__tile_differs(&r, &tile), "a sensor of another surface differs");
 }
 
+/* A sensor on the edge of a tile differs from the light between the corners by 2 in one channel. Its noise explains a
+   part of the squared difference, or all of it. */
+TEST(noise_of_sensors_is_no_bias) {
+    enum { SIDE = 5 };
+    static const double variances[3] = { 0, 1, 4 }, expected[3] = { 4, 2.5, 0 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    r.luminance = 1;
+    memset(&tile, 0, sizeof tile);
+    tile.area.x[1] = tile.area.y[1] = SIDE - 1;
+    for (k = 0; k < 3; k++) r.weights[k] = 1;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        pixels[i].id = 1;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = i == 2 || (i % SIDE % 4 == 0 && i / SIDE % 4 == 0);
+        sensors[i].looks = 1;
+        for (k = 0; k < 3; k++) sensors[i].radiance[k] = i == 2 && k == 1 ? 3 : 1;
+    }
+    for (i = 0; i < 3; i++) {
+        sensors[2].variance = variances[i];
+        CHECK(fabs((double)sbl__tile_sensor_bias2(&r, &tile) - expected[i]) < 1e-5,
+              "variance %g: the squared bias is %g", variances[i], (double)sbl__tile_sensor_bias2(&r, &tile));
+    }
+}
+
 /* Each division of a cell halves the fraction of the cell that the leaves on both of its sides cover; a cut along an
    object does not. A leaf without points has the fraction 1. */
 TEST(divisions_halve_fractions) {
@@ -726,19 +756,48 @@ TEST(divisions_halve_fractions) {
           (double)sbl__solution_fraction(&b, 1));
 }
 
-/* Stored light does not fit a scene in which the host draws in other bounds. */
-TEST(bounds_of_draws_are_hashed) {
-    static sbl__scene scene;
-    uint64_t hashes[3][SBL__SAVED_HASHES];
+/* If a cut has split a leaf, its hits are looked up again; each belongs to the leaf on its side. Hits in other leaves
+   keep their leaf, if it is current. */
+TEST(hits_follow_cuts) {
+    static const float places[3] = { 0.2f, 0.7f, 5.5f };
+    static const uint32_t expected[3] = { 0, 1, 2 };
+    static sbl__bounce b;
+    static sbl__cell_bucket cells[128];
+    static sbl__hit hits[SBL__BOUNCE_RAYS];
+    uint32_t patches[1] = { 0 };
+    sbl__bounce_leaf states[3];
+    sbl__cut cut;
+    sbl__store store;
     int i;
-    for (i = 0; i < 3; i++) {
-        scene.draw = i ? draws_nothing : NULL;
-        scene.draw_bounds[1][2] = (float)i;
-        sbl__saved_scene(&scene, hashes[i]);
+    memset(states, 0, sizeof states);
+    memset(&cut, 0, sizeof cut);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.cuts = &cut;
+    store.length = 1;
+    b.store = &store;
+    b.states = states;
+    b.hits.list = hits;
+    cut.normal[0] = 1;
+    cut.distance = 0.5f;
+    cut.sides[0] = 1;
+    cut.sides[1] = 2;
+    states[0].cut = 1;
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
+        hits[i].side = i < 3 ? 0 : SBL__NOWHERE;
+        if (i >= 3) continue;
+        hits[i].position[0] = places[i];
+        hits[i].distance = 9;
+        hits[i].leaf = i < 2 ? 0 : 2;  /* before the cut, the first two hits were in one leaf */
+        hits[i].current = 1;
     }
-    for (i = 0; i < SBL__SAVED_HASHES; i++)
-        CHECK((hashes[0][i] == hashes[1][i]) == (i != SBL__SAVED_MESHES) &&
-                  (hashes[1][i] == hashes[2][i]) == (i != SBL__SAVED_MESHES), "hash %d", i);
+    *sbl__store_bucket(&store, 0, hits[0].position) = SBL__CELL_CUT;
+    CHECK(sbl__solution_link(&b, 0) == SBL_SUCCESS, "no hits");
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++)
+        CHECK(hits[i].leaf == (i < 3 ? expected[i] : SBL__NOWHERE) && hits[i].current == (i < 3), "hit %d: leaf %u", i,
+              hits[i].leaf);
 }
 
 /* Gives a bounce object a store of two leaves. The second leaf has a light of 8. */
@@ -751,6 +810,50 @@ static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], s
     store->leaf_count = 2;
     b->store = store;
     b->states = states;
+}
+
+/* The uncertainty of a leaf without points is SBL__UNCERTAINTY_STRATA times the noise that other leaves send, relative
+   to its light, up to a limit. They send it on SBL__UNCERTAINTY_ITERATIONS times. */
+TEST(uncertainty_has_a_limit) {
+    static const double noises[3] = { 0.03, 0.06, 5 }, most = SBL__UNCERTAINTY_MOST;
+    static sbl__bounce b;
+    float solved[6] = { 2, 2, 2, 0, 0, 0 }, own[6] = { 0.5f, 0.5f, 0.5f, 0, 0, 0 };
+    sbl__bounce_leaf states[2];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    int i, k, rounds = 1;
+    memset(states, 0, sizeof states);
+    set_leaves(&b, &store, leaves, states);
+    b.solved = solved;
+    b.direct = own;
+    for (i = 0; i < 3; i++) {
+        const double expected = SBL__UNCERTAINTY_STRATA * SBL__MIN(noises[i], most);
+        for (k = 0; k < 3; k++) leaves[0].light[k] = (float)(0.5 + 2 * noises[i]);
+        sbl__uncertainty_leaf(&b, 0);
+        CHECK(fabs((double)sbl__leaf_uncertainty(leaves[0].light) / expected - 1) < 0.05 &&
+                  fabs((double)leaves[0].light[0] - 2) < 1e-6, "noise %g: R %g, uncertainty %g, expected %g", noises[i],
+              (double)leaves[0].light[0], (double)sbl__leaf_uncertainty(leaves[0].light), expected);
+    }
+    while (rounds < 100 && sbl__uncertainty_after_propagate(&b) == SBL__BOUNCE_PROPAGATE) rounds++;
+    CHECK(rounds == SBL__UNCERTAINTY_ITERATIONS, "noise is sent on %d times", rounds);
+}
+
+/* Stored light does not fit a scene in which the host draws in other bounds, or that is far from where it was. The
+   lights, relative to the surfaces, stay the same. */
+TEST(bounds_of_draws_are_hashed) {
+    static sbl__scene scene;
+    uint64_t hashes[4][SBL__SAVED_HASHES];
+    int i, k;
+    for (i = 0; i < 4; i++) {
+        scene.draw = i ? draws_nothing : NULL;
+        scene.draw_bounds[1][2] = (float)(i < 3 ? i : 2);
+        scene.geometry.centre[1] = i < 3 ? 0 : 1e6f;
+        sbl__saved_scene(&scene, hashes[i]);
+    }
+    for (i = 0; i < SBL__SAVED_HASHES; i++)
+        for (k = 0; k < 3; k++)
+            CHECK((hashes[k][i] == hashes[k + 1][i]) == (i != SBL__SAVED_MESHES), "scenes %d and %d: hash %d", k, k + 1,
+                  i);
 }
 
 /* Only the second of three points has a ray that sees a back face, its last. A missed ray of the third point has an odd
@@ -920,6 +1023,75 @@ TEST(further_points_do_not_count_more) {
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) hits[i].by_metal = 1;
     sbl__bright_sum_found(&b, 0);  /* light by way of metal is found, but not at the leaf */
     CHECK(b.found.light > 0 && !(leaf_found[1].rays > 0), "%g rays by way of metal", (double)leaf_found[1].rays);
+}
+
+/* Some rays find two leaves that are much brighter than all others. Leaf 1 is seen by single rays of many points. Leaf
+   2 fills the view of one point, so that rays find it easily. Only leaf 1 becomes bright. For short rays, leaf 3 is in
+   the place of leaf 1, and leaf 4 in that of leaf 2. */
+TEST(places_that_fill_the_view_stay_ordinary) {
+    enum { POINTS = 40, SEEING = 20, LEAVES = 6, DARK = 5 };
+    static const float places[LEAVES] = { 1.5f, 11.5f, 21.5f, 11.5f, 21.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
+    static const int expected[LEAVES] = { 0, SBL__BRIGHT, 0, SBL__BRIGHT_LONG, 0, 0 };
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__hit hits[(POINTS + LEAVES) * SBL__BOUNCE_RAYS];
+    static sbl__bounce_point points[POINTS + LEAVES];
+    static sbl__cell_bucket cells[128];
+    static sbl__leaf_found leaf_found[LEAVES];
+    sbl__bounce_leaf states[LEAVES];
+    sbl__leaf leaves[LEAVES];
+    sbl__store store;
+    uint32_t patches[1] = { 0 };
+    int i, k;
+    core.base = base;
+    core.device.base = &core.base;
+    memset(states, 0, sizeof states);
+    memset(leaves, 0, sizeof leaves);
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.leaves = leaves;
+    store.leaf_count = LEAVES;
+    store.length = 1;
+    b.core = &core;
+    b.store = &store;
+    b.states = states;
+    b.points = points;
+    b.hits.list = hits;
+    b.leaf_found = leaf_found;
+    b.point_count = POINTS + LEAVES - 1;
+    for (i = 0; i < LEAVES; i++) {
+        sbl__bounce_point *first = &points[i ? POINTS + i - 1 : 0];
+        first->at.position[0] = places[i];
+        first->at.distance = i == 3 || i == 4 ? 0.1f : 9;
+        first->leaf = i;
+        states[i].first = (int)(first - points);
+        states[i].points = i ? 1 : POINTS;
+        states[i].fraction = 1;
+        *sbl__store_bucket(&store, sbl__hit_patch(&store, &first->at), first->at.position) = (uint32_t)i + 1;
+        for (k = 0; k < 3; k++) leaves[i].light[k] = i == 1 || i == 2 ? 1000.0f : 0.1f;
+    }
+    for (i = 0; i < POINTS; i++) points[i].valid = 1;
+    for (i = 0; i < POINTS * SBL__BOUNCE_RAYS; i++) {
+        const int point = i / SBL__BOUNCE_RAYS, ray = i % SBL__BOUNCE_RAYS;
+        hits[i].leaf = (uint32_t)(point == POINTS - 1 ? 2 : point < SEEING && ray == 3 ? 1 : DARK);
+        sbl__albedo_pack(half, hits[i].albedo);
+    }
+    for (i = 0; i < POINTS; i++) sbl__bright_sum_found(&b, i);
+    REQUIRE(sbl__bright_make_list(&b, NULL) == SBL_SUCCESS && store.bright_count == 1, "%d bright cells",
+            store.bright_count);
+    CHECK(!store.bright[0].patch && store.bright[0].at[0] == 11, "cell %u is bright", store.bright[0].at[0]);
+    for (i = 0; i < LEAVES; i++)
+        CHECK(states[i].bright == expected[i] && sbl__leaf_is_bright(leaves[i].light) == (i == 1),
+              "leaf %d: %d, R %g", i, states[i].bright, (double)leaves[i].light[0]);
+    /* Once the light of bright leaves is corrected, they are marked again, and no glow keeps the light from before. */
+    leaves[1].light[0] = 900;
+    core.scene.bright.glow_count = 1;
+    CHECK(sbl__bright_after_correct(&b) == SBL__BOUNCE_GLOW && !core.scene.bright.glow_count, "%d glows are kept",
+          core.scene.bright.glow_count);
+    for (i = 0; i < LEAVES; i++) CHECK(sbl__leaf_is_bright(leaves[i].light) == (i == 1), "leaf %d is not marked", i);
+    sbl__free(&core.base, store.bright);
 }
 
 /* The tests have freed all memory. */
@@ -1707,6 +1879,24 @@ TEST(cuts_lead_on) {
               !sbl__saved_leads(&store, SBL__CELL_CUT, 1), "a cut leads to itself or to an earlier cut");
 }
 
+/* The bright cells of a saved store must be in ascending order. */
+TEST(bright_cells_are_in_order) {
+    static const int orders[4][3] = { { 0, 1, 2 }, { 1, 0, 2 }, { 0, 2, 1 }, { 0, 1, 1 } };
+    static const sbl__bright_cell cells[3] = {
+        { 0, { 1, 9, 9 } }, { 0, { 2, 0, 0 } }, { SBL__PATCH_BACK, { 0, 0, 0 } } };
+    sbl__bright_cell bright[3];
+    sbl__store store;
+    int i, k;
+    memset(&store, 0, sizeof store);
+    store.length = 1;
+    store.bright = bright;
+    store.bright_count = 3;
+    for (i = 0; i < 4; i++) {
+        for (k = 0; k < 3; k++) bright[k] = cells[orders[i][k]];
+        CHECK(sbl__saved_valid(&store, 0) == (i == 0), "order %d", i);
+    }
+}
+
 /* A lamp belongs to the light group of its material, of the sky, or of its light; a glow to none. */
 TEST(lamps_have_the_group_of_their_source) {
     static const uint32_t kinds[5] = { SBL__LAMP_TRIANGLE, SBL__LAMP_LOCAL_LIGHT, SBL__LAMP_DISTANT_LIGHT,
@@ -2020,6 +2210,169 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* The triangles of a flat mirror are one plane, whose bounds contain both. A matte, a rougher, and a parallel triangle
+   do not belong to it. */
+TEST(triangles_of_a_mirror_are_one_plane) {
+    static const float at[12] = { 0, 0, 0, 4, 0, 0, 4, 3, 0, 0, 5, 0 };
+    static sbl__lamp_trees l;
+    uint32_t indices[15] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 8, 9, 10, 12, 13, 14 };
+    sbl__vertex vertices[16];
+    sbl__object objects[4];
+    sbl__geometry g;
+    int i, k;
+    memset(vertices, 0, sizeof vertices);
+    memset(objects, 0, sizeof objects);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.objects = objects;
+    g.triangle_count = 5;
+    g.extent = 5;
+    l.geometry = &g;
+    for (i = 0; i < 16; i++) {
+        memcpy(vertices[i].position, at + 3 * (i % 4), 12);
+        vertices[i].object = (uint32_t)i / 4;
+        if (i >= 12) vertices[i].position[2] = 1;
+    }
+    for (i = 0; i < 4; i++) {
+        objects[i].reflectance = i == 1 ? -1 : 0.5f;
+        objects[i].roughness = i == 2 ? 0.45f : 0.2f;
+        for (k = 0; k < 3; k++) objects[i].albedo[k] = 0.5f;
+    }
+    for (i = 0; i < 5; i++) CHECK(sbl__planes_add(&l, i) == SBL_SUCCESS, "triangle %d", i);
+    REQUIRE(l.plane_count == 3, "%d planes", l.plane_count);
+    CHECK(fabs(l.planes[0].own - 8) < 1e-5 && fabs(l.planes[0].weight - 8) < 1e-5, "the mirror reflects %g",
+          l.planes[0].own);
+    for (k = 0; k < 2; k++)
+        CHECK(fabs((double)l.planes[0].bounds.low[k]) < 1e-6 &&
+                  fabs((double)l.planes[0].bounds.high[k] - (k ? 5 : 4)) < 1e-6, "axis %d: from %g to %g", k,
+              (double)l.planes[0].bounds.low[k], (double)l.planes[0].bounds.high[k]);
+    CHECK(fabs(l.planes[2].offset - 1) < 1e-6 && fabs(l.planes[1].own - 3) < 1e-5, "other planes: %g, %g",
+          l.planes[2].offset, l.planes[1].own);
+}
+
+/* The light groups of a leaf add up to its light, even if it is bright; none is negative. Light that no group has
+   caused goes to the first group. */
+TEST(groups_of_a_leaf_add_up) {
+    static sbl__bounce b;
+    static sbl__core core;
+    static const float expected[6] = { 2, 4, 0, 6, 0, 0 };
+    float layers[6] = { 1, 0, 0, 3, 0, -5 };
+    sbl__leaf leaf = { { -8, 4, 0 }, 0 };
+    sbl__store store;
+    int k;
+    memset(&store, 0, sizeof store);
+    core.scene.light_groups = 2;
+    b.core = &core;
+    b.store = &store;
+    store.leaves = &leaf;
+    store.layers = layers;
+    sbl__solution_layers_scale(&b, 0);
+    for (k = 0; k < 6; k++)
+        CHECK(fabs((double)layers[k] - (double)expected[k]) < 1e-5, "group %d, channel %d: %g", k / 3, k % 3,
+              (double)layers[k]);
+}
+
+/* Progress counts finished batches of probes, in the current batch both kinds of sites, and the finished layers of a
+   map that is joined. */
+TEST(batches_are_progress) {
+    static sbl__probes p;
+    static sbl__joining j;
+    int kind, stage;
+    p.work.front_end = &sbl__probes_front_end;
+    p.desc.probe_count = 100;
+    p.desc.options.rays = 60;
+    p.first = 40;
+    p.taken = p.count = 20;
+    p.latitudes = 2;
+    p.around = 6;
+    for (kind = SBL__PROBE_HEMISPHERES; kind <= SBL__PROBE_RAYS; kind++) {
+        p.kind = kind;
+        p.from = (kind == SBL__PROBE_RAYS ? 60 : 2 * 6 + 6) * 20 / 2;
+        CHECK(fabs((double)sbl__probes_progress(&p) - (kind == SBL__PROBE_RAYS ? 0.55 : 0.45)) < 1e-6,
+              "sites of kind %d: %g", kind, (double)sbl__probes_progress(&p));
+    }
+    p.round = 1;
+    CHECK(fabs((double)sbl__probes_progress(&p) - 0.6) < 1e-6, "moved probes: %g", (double)sbl__probes_progress(&p));
+    j.work.front_end = &sbl__windows_front_end;
+    j.desc.lightmap.directional = 1;
+    for (stage = 0; stage < SBL__JOINING_DONE; stage++) {
+        j.work.stages.stage = stage;
+        j.layer = stage % SBL__LAYERS;
+        CHECK(fabs((double)sbl__joining_progress(&j) * SBL__LAYERS - j.layer - (double)stage / SBL__JOINING_DONE) <
+                  1e-5, "stage %d of layer %d: %g", stage, j.layer, (double)sbl__joining_progress(&j));
+    }
+}
+
+/* The first 4^n points of a triangle lie in 4^n equal triangles that divide it, one point in each. */
+TEST(points_fill_triangles_evenly) {
+    static unsigned char found[64][64];
+    int n, k, twice = 0, outside = 0;
+    for (n = 1; n <= 4; n++) {
+        const int across = 1 << n;
+        memset(found, 0, sizeof found);
+        for (k = 0; k < 1 << 2 * n; k++) {
+            double weights[3];
+            int x, y, z;
+            sbl__vertices_point(k, weights);
+            outside += !(weights[0] > 0 && weights[1] > 0 && weights[2] > 0);
+            x = (int)(weights[0] * across);
+            y = (int)(weights[1] * across);
+            z = (int)(weights[2] * across);
+            outside += x < 0 || y < 0 || x + y + z != across - 1 - (x + y + z == across - 2);
+            if (x >= 0 && y >= 0 && x < 32 && y < 64) twice += found[2 * x + (x + y + z == across - 2)][y]++;
+        }
+    }
+    CHECK(!outside && !twice, "%d points are outside, %d share a triangle", outside, twice);
+}
+
+/* In the air, each direction has the mean light of its valid sites. */
+TEST(air_has_the_mean_of_valid_sites) {
+    static sbl__bounce b;
+    static sbl_reading readings[SBL__AIR_SITES];
+    sbl__store store;
+    int i;
+    memset(&store, 0, sizeof store);
+    b.store = &store;
+    b.readings = readings;
+    for (i = 0; i < SBL__AIR_SITES; i++) {
+        readings[i].valid = i % 6 != 4 && (i % 6 != 1 || i < 12);  /* two valid sites face -x; none faces +z */
+        readings[i].radiance[1] = (float)(i / 6 + i % 6);
+    }
+    CHECK(sbl__bounce_after_air(&b) == SBL__BOUNCE_DONE, "the work goes on");
+    for (i = 0; i < 6; i++) {
+        const double expected = i == 4 ? 0 : i + (i == 1 ? 0.5 : 0.5 * (SBL__AIR_SITES / 6 - 1));
+        CHECK(fabs((double)store.air[i][1] - expected) < 1e-5, "side %d has %g, expected %g", i,
+              (double)store.air[i][1], expected);
+    }
+}
+
+/* The light groups of the two sides of a triangle are those of two leaves. */
+TEST(sides_have_their_own_groups) {
+    static const float layers[4] = { 1, 2, 5, 0 }, inside[3] = { 0.5f, 0.5f, 0.5f }, outside[3] = { 9.5f, 0.5f, 0.5f };
+    static sbl__cell_bucket cells[128];
+    uint32_t patches[1] = { 0 };
+    sbl__store store;
+    int back;
+    memset(&store, 0, sizeof store);
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.layers = (float *)(uintptr_t)layers;
+    store.leaf_count = 2;
+    store.length = 1;
+    *sbl__store_bucket(&store, 0, inside) = 1;
+    *sbl__store_bucket(&store, SBL__PATCH_BACK, inside) = 2;
+    for (back = 0; back < 2; back++) {
+        float sum[2] = { 10, 20 };
+        CHECK(sbl__stored_layers_add(&store, 0, back, outside, 2, sum) == 0 && fabs((double)sum[0] - 10) < 1e-6,
+              "light where there is no leaf");
+        CHECK(sbl__stored_layers_add(&store, 0, back, inside, 2, sum) == 1 &&
+                  fabs((double)sum[0] - (back ? 15 : 11)) + fabs((double)sum[1] - (back ? 20 : 22)) < 1e-5,
+              "side %d adds %g and %g", back, (double)sum[0] - 10, (double)sum[1] - 20);
+    }
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -2044,12 +2397,16 @@ int main(void) {
     RUN(first_tiles_end_with_the_picture);
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
+    RUN(noise_of_sensors_is_no_bias);
     RUN(divisions_halve_fractions);
+    RUN(hits_follow_cuts);
+    RUN(uncertainty_has_a_limit);
     RUN(bounds_of_draws_are_hashed);
     RUN(points_that_see_back_faces_are_suspect);
     RUN(stuck_points_do_not_count);
     RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
+    RUN(places_that_fill_the_view_stay_ordinary);
     RUN(no_memory_is_left);
     RUN(groups_of_a_texel_add_up);
     RUN(places_that_differ_are_noisy);
@@ -2076,6 +2433,7 @@ int main(void) {
     RUN(windows_and_tiles_have_ends);
     RUN(dark_sensors_are_inside);
     RUN(cuts_lead_on);
+    RUN(bright_cells_are_in_order);
     RUN(lamps_have_the_group_of_their_source);
     RUN(costs_fall_slowly);
     RUN(extents_are_measured);
@@ -2088,6 +2446,12 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(triangles_of_a_mirror_are_one_plane);
+    RUN(groups_of_a_leaf_add_up);
+    RUN(batches_are_progress);
+    RUN(points_fill_triangles_evenly);
+    RUN(air_has_the_mean_of_valid_sites);
+    RUN(sides_have_their_own_groups);
     RUN(grazing_normals_are_bent);
     return test_report();
 }
