@@ -7510,9 +7510,9 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 /* >>lamps: sorting along a Morton curve, near lamps before distant lamps
 
    Among the near lamps, spotlights follow the others, sorted by the face of a cube that their axis meets. Therefore
-   clusters of spotlights have a narrow cone in common. A cluster that mixes them with other lamps estimates strong light
-   outside their cones, and most rays go to lamps that give no light. Glows come last, because they get a fraction of
-   their own of the rays, see lamps.glsl. */
+   clusters of spotlights have a narrow cone in common. A cluster that mixes them with other lamps estimates strong
+   light outside their cones, and most rays go to lamps that give no light. Glows come last, because they get a fraction
+   of their own of the rays, see lamps.glsl. */
 
 /* Returns the index of the face of a cube, 0 to 5, that a direction meets. */
 static int sbl__face_of(const float direction[3]) {
@@ -12708,8 +12708,9 @@ static const char *const sbl__glsl_lamps[] = {
 "                                    // independent points (measured with shadow edges on a lamp)\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance\n",
-"const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because lamps that are expected to\n",
-"                                    // be stronger may be hidden\n",
+"const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because stronger lamps may be\n",
+"                                    // hidden\n",
+"const float SBL_FAVOUR_MOST = 1e6;  // upper limit of the factor by which the strengths of glows are increased\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "#ifdef SBL_LOBE\n",
 "const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
@@ -12912,8 +12913,9 @@ static const char *const sbl__glsl_lamps[] = {
 "void sbl_favour_glows() {\n",
 "    float before = glow_entries.x > 0 ? strengths[glow_entries.x - 1] : 0.0;\n",
 "    float glows = glow_entries.y > 0 ? strengths[glow_entries.y - 1] - before : 0.0;\n",
-"    float factor = max(SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows) / max(glows, 1e-37), 1.0);\n",
-"    for (int i = glow_entries.x; i < (factor > 1.0 && glows > 0.0 ? used : 0); i++)\n",
+"    float wanted = SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows);\n",
+"    float factor = glows > 0.0 ? clamp(wanted / glows, 1.0, SBL_FAVOUR_MOST) : 1.0;\n",
+"    for (int i = glow_entries.x; i < (factor > 1.0 ? used : 0); i++)\n",
 "        strengths[i] += (factor - 1.0) * (min(strengths[i], before + glows) - before);\n",
 "    total += (factor - 1.0) * glows;\n",
 "    strengths2 += (factor * factor - 1.0) * glow_strengths2.x;\n",
@@ -13163,8 +13165,8 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided\n",
-"// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of them\n",
-"// would often find all of these hidden, and miss the others.\n",
+"// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of\n",
+"// them would often find all of these hidden, and miss the others.\n",
 "int sbl_pass_count() {\n",
 "    float passes_most = SBL_PASS_LAMPS * lamp_strengths2 / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;\n",

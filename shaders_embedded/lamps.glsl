@@ -39,8 +39,9 @@ const float SBL_STRATA = 1.5;       // n stratified points give SBL_STRATA / sqr
                                     // independent points (measured with shadow edges on a lamp)
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this * its distance
-const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because lamps that are expected to
-                                    // be stronger may be hidden
+const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because stronger lamps may be
+                                    // hidden
+const float SBL_FAVOUR_MOST = 1e6;  // upper limit of the factor by which the strengths of glows are increased
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 #ifdef SBL_LOBE
 const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps
@@ -243,8 +244,9 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
 void sbl_favour_glows() {
     float before = glow_entries.x > 0 ? strengths[glow_entries.x - 1] : 0.0;
     float glows = glow_entries.y > 0 ? strengths[glow_entries.y - 1] - before : 0.0;
-    float factor = max(SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows) / max(glows, 1e-37), 1.0);
-    for (int i = glow_entries.x; i < (factor > 1.0 && glows > 0.0 ? used : 0); i++)
+    float wanted = SBL_GLOW_RAYS / (1.0 - SBL_GLOW_RAYS) * (total - glows);
+    float factor = glows > 0.0 ? clamp(wanted / glows, 1.0, SBL_FAVOUR_MOST) : 1.0;
+    for (int i = glow_entries.x; i < (factor > 1.0 ? used : 0); i++)
         strengths[i] += (factor - 1.0) * (min(strengths[i], before + glows) - before);
     total += (factor - 1.0) * glows;
     strengths2 += (factor * factor - 1.0) * glow_strengths2.x;
@@ -494,8 +496,8 @@ sbl_Result sbl_combine_after(sbl_Result early) {
 }
 
 // Returns the number of passes into which the rays are divided, a power of two. After each pass, sbl_undecided
-// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of them
-// would often find all of these hidden, and miss the others.
+// decides whether to trace more. More lamps, also within clusters, mean fewer passes: a pass with rays to few of
+// them would often find all of these hidden, and miss the others.
 int sbl_pass_count() {
     float passes_most = SBL_PASS_LAMPS * lamp_strengths2 / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(passes_most)), 1, SBL_LAMP_PASSES), power = 1;

@@ -1776,6 +1776,43 @@ TEST(bright_leaves_are_right_on_average) {
     scene_free(&s);
 }
 
+/* A lamp in a black tube lights a small patch above a floor, and the patch lights the floor. The sites face the floor,
+   and the tube hides the lamp from them. Nevertheless, their rays must go to glows of the floor and not only to the
+   lamp, which is expected to be far stronger. Otherwise the readings are noisy. */
+TEST(glows_beside_a_hidden_lamp) {
+    enum { SEEDS = 24 };
+    const float half = 0.08f, up = 0.5f, w = 0.06f, low = 0.2f, high = 0.45f;
+    test_scene s = { 0 };
+    const int white = scene_material(&s, 0.8f, 0.8f, 0.8f), black = scene_material(&s, 0, 0, 0);
+    const int lamp = scene_lamp(&s, 4000, 4000, 4000);
+    double sum = 0, squares = 0;
+    int i;
+    s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_quad(&s, lamp, -0.01f, low, -0.01f, -0.01f, low, 0.01f, 0.01f, low, 0.01f, 0.01f, low, -0.01f);
+    scene_quad(&s, black, -w, 0.1f, -w, -w, high, -w, -w, high, w, -w, 0.1f, w);
+    scene_quad(&s, black, w, 0.1f, -w, w, high, -w, w, high, w, w, 0.1f, w);
+    scene_quad(&s, black, -w, 0.1f, -w, -w, high, -w, w, high, -w, w, 0.1f, -w);
+    scene_quad(&s, black, -w, 0.1f, w, -w, high, w, w, high, w, w, 0.1f, w);
+    scene_quad(&s, white, -half, up, -half, half, up, -half, half, up, half, -half, up, half);
+    scene_quad(&s, white, -2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2);
+    scene_quad(&s, black, -3, 2, -3, 3, 2, -3, 3, 2, 3, -3, 2, 3);
+    site_count = 0;
+    for (i = 0; i < SEEDS; i++) add_site(1.2, 1.5, 0, 0, -1, 0, 1);
+    if (use_scene(&s, 32768) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
+        for (i = 0; i < SEEDS; i++) {
+            const double r = (double)readings[i].radiance[1];
+            sum += r / SEEDS;
+            squares += r * r / SEEDS;
+        }
+        printf("  R %.5f, standard deviation %.1f %%, %d glows\n", sum, 100 * sqrt(squares - sum * sum) / sum,
+               inside_glow_count(context));
+        CHECK(inside_glow_count(context) > 0, "nothing has made a glow");
+        CHECK(sqrt(squares - sum * sum) < 0.2 * sum, "readings differ by %.1f %%",
+              100 * sqrt(squares - sum * sum) / sum);
+    }
+    scene_free(&s);
+}
+
 /* A lamp lights a floor under a black sky. The floor is far brighter than the mean of the light that rays find, because
    most rays hit nothing. It must not become a glow, because its reflected light is weak compared with the lamp. */
 TEST(a_lit_floor_is_no_glow) {
@@ -1932,6 +1969,7 @@ int main(void) {
     RUN(glows_show_their_texture);
     RUN(near_hits_find_glows);
     RUN_UNSANITIZED(bright_leaves_are_right_on_average);
+    RUN_UNSANITIZED(glows_beside_a_hidden_lamp);
     RUN(a_lit_floor_is_no_glow);
     sbl_destroy(context);
     return test_report();

@@ -446,25 +446,25 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0x3d3080b84456b00bu,  /* glossy_picture */
-    0x932f41aafd81d38eu,  /* glossy_window */
+    0xe550da65726a7c68u,  /* glossy_picture */
+    0x9045e472affd8764u,  /* glossy_window */
     0x5b5bd258a298d6c8u,  /* glossy_inspection */
-    0x241b4819194d63e8u,  /* glossy_store */
+    0xab34d74f0bf736cau,  /* glossy_store */
     0xbd230c87a75d2311u,  /* glossy_rasterised */
-    0x4870c7898dc98476u,  /* matte_picture */
-    0x490ca53a3891606du,  /* plain_picture */
-    0x065707dca533093du,  /* changed_picture */
-    0xfd11f5b28c5d7a40u,  /* directional_lightmap */
-    0x45961fb5d338e590u,  /* grouped_lightmap */
+    0xcdf975183e29d61fu,  /* matte_picture */
+    0x4ea760de296f42edu,  /* plain_picture */
+    0xf70296c0f117bb74u,  /* changed_picture */
+    0x9daaaa438e9d54dbu,  /* directional_lightmap */
+    0x9df3c371c3ce6d69u,  /* grouped_lightmap */
     0xe2f40a569a1a355bu,  /* joined_lightmap */
-    0x930dc7e1fdd8cd5bu,  /* fitted_vertices */
+    0x6d0092fc23b0ada4u,  /* fitted_vertices */
     0x51c33c84e090fc41u,  /* averaged_vertices */
-    0x3bf4e1c3d4b7ae2du,  /* traced_readings */
+    0xa300f2d6ad9688dfu,  /* traced_readings */
     0x0b97c4d4c1c07936u,  /* short_readings */
     0x2e4e69bf80082469u,  /* rasterised_readings */
-    0x0847021c63b8d9cbu,  /* probes */
+    0x84c45c4271a78361u,  /* probes */
     0x422e71e1efcfab69u,  /* store */
-    0x5a7a13e76ffc8febu,  /* stored_picture */
+    0x35b0ff9bf63e0a6eu,  /* stored_picture */
     0x599e38db4160af32u,  /* glow_picture */
     0x280cf93d808928b8u  /* stored_lightmap */
 };
