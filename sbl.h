@@ -3082,13 +3082,16 @@ typedef struct sbl__record {
 #define SBL__LAMP_KIND_SHIFT 29    /* the kind of a lamp is its code >> this, see sbl__lamp_leaf */
 #define SBL__DISTANT_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__SPOT_NODE 0x40000000u     /* flag in sbl__lamp_node.beyond: one cone contains the light of all lamps */
-#define SBL__PATCH_BACK 1u         /* PATCH_BACK and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
-#define SBL__PATCH_FLAT 2u
-#define SBL__PATCH_AXIS_SHIFT 2    /* the axis of a patch word is (word >> this) & 3 */
-#define SBL__PATCH_SHORT 16u       /* flag of a patch word: the cell is for rays shorter than 1 / SHORT_PART of the
+#define SBL__PATCH_NEGATIVE 1u     /* PATCH_NEGATIVE and PATCH_FLAT are flags of a patch word, see sbl__patch_word */
+#define SBL__PATCH_FLAT 4u
+#define SBL__PATCH_BACK 3u         /* the patch words of a triangle's front and back differ in these bits: the normals
+                                      are opposite, and bit 1 is set on the back. Without bit 1, the outside and the
+                                      inside of a hollow object would share leaves */
+#define SBL__PATCH_AXIS_SHIFT 3    /* the axis of a patch word is (word >> this) & 3 */
+#define SBL__PATCH_SHORT 32u       /* flag of a patch word: the cell is for rays shorter than 1 / SHORT_PART of the
                                       length of a level-0 cell */
-#define SBL__PATCH_LEVEL 32u       /* a patch word contains this * the cell's level (two bits) */
-#define SBL__PATCH_SHIFT 7         /* the index of a patch word's patch is word >> this */
+#define SBL__PATCH_LEVEL 64u       /* a patch word contains this * the cell's level (two bits) */
+#define SBL__PATCH_SHIFT 8         /* the index of a patch word's patch is word >> this */
 #define SBL__SHORT_PART 2          /* see SBL__PATCH_SHORT */
 #define SBL__BUCKET_TRIES 64       /* maximum number of buckets that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: the reference leads to a cut, not to a leaf */
@@ -8275,8 +8278,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
 }
 
 /* Returns the patch word of a triangle's front: index of the patch (small patches of a mesh share one), axis of the
-   normal's largest component, SBL__PATCH_FLAT if the patch is flat and shares no index, and SBL__PATCH_BACK if that
-   component is negative. */
+   normal's largest component, SBL__PATCH_FLAT if the patch is flat and shares no index, and SBL__PATCH_NEGATIVE if
+   that component is negative. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -8289,7 +8292,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     if (fabs(n[1]) > fabs(n[0])) axis = 1;
     if (fabs(n[2]) > fabs(n[axis])) axis = 2;
     return number << SBL__PATCH_SHIFT | axis << SBL__PATCH_AXIS_SHIFT |
-           (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
+           (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_NEGATIVE : 0);
 }
 
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
@@ -16190,8 +16193,8 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
 #define SBL__BOUNCE_SEQUENCES 4    /* number of sequences of ray directions, which the points of a leaf use in turn */
 
-/* Returns the patch word of a hit: the triangle's word, with SBL__PATCH_BACK inverted on the back side, and with
-   SBL__PATCH_SHORT if a short ray found the hit. */
+/* Returns the patch word of a hit: the triangle's word, with the bits of SBL__PATCH_BACK inverted on the back side, and
+   with SBL__PATCH_SHORT if a short ray found the hit. */
 static uint32_t sbl__hit_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->side >> 1] ^ (at->side & 1 ? SBL__PATCH_BACK : 0);
     return patch | (sbl__is_short(s, at->distance) ? SBL__PATCH_SHORT : 0);
@@ -18180,8 +18183,8 @@ static float sbl__bounce_progress(const sbl__core *c) {
    scene. */
 
 #define SBL__SAVED_NAME "sblstore"     /* the first bytes of a stream */
-#define SBL__SAVED_VERSION 6u          /* version of the format for a store without light groups */
-#define SBL__SAVED_GROUPED 7u          /* version for a store with light groups: their number follows the header, and
+#define SBL__SAVED_VERSION 8u          /* version of the format for a store without light groups */
+#define SBL__SAVED_GROUPED 9u          /* version for a store with light groups: their number follows the header, and
                                           the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* shows the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u  /* start value of all hashes and of the checksum */

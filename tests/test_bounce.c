@@ -1174,6 +1174,56 @@ TEST(a_pleated_sheet) {
     scene_free(&s);
 }
 
+/* The outside and the inside of a hollow body do not share leaves, even if the body is smooth and thinner than a cell.
+   Under a sky of radiance 1, R of its upper side is 1; inside, almost no light arrives. */
+TEST(a_hollow_body) {
+    enum { ARC = 6, AROUND = 2 * (ARC + 1) };  /* outline: two straight lines and two arcs of 6 facets each */
+    static float corners[18 * AROUND];
+    const double r = 0.02;
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 30, 0.01f, 1, 0, 0, 0, 0);
+    double outline[AROUND][2], least = 2, most = 0;
+    int i, k, count = 0;
+    for (i = 0; i < AROUND; i++) {
+        const double angle = TEST_PI * (i % (ARC + 1) + (i > ARC ? ARC : 0)) / ARC;
+        outline[i][0] = r * sin(angle) + (i > ARC ? -0.2 : 0.2);
+        outline[i][1] = r * cos(angle);
+    }
+    for (i = 0; i < AROUND; i++)
+        for (k = 0; k < 6; k++) {
+            const int next = k == 1 || k == 2 || k == 4, away = k == 2 || k > 3;
+            float *p = &corners[18 * i + 3 * k];
+            p[0] = (float)outline[(i + next) % AROUND][0];
+            p[1] = (float)outline[(i + next) % AROUND][1];
+            p[2] = away ? 1.0f : -1.0f;
+        }
+    /* a large scene has large cells */
+    scene_quad(&s, scene_material(&s, 0, 0, 0), -4, -1, -4, 4, -1, -4, 4, -1, 4, -4, -1, 4);
+    scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), corners, NULL, NULL, 6 * AROUND, NULL, 6 * AROUND);
+    scene_sky(&s, 1, 1, 1);
+    view.options.mode = SBL_MODE_GI;
+    view.samples = 1;
+    view.options.rays = 16;
+    if (use_scene(&s, 1024) && sbl_render_picture(context, &view) == SBL_SUCCESS) {
+        float *stored = scene_channel(context, &view, SBL_CHANNEL_STORE),
+              *normal = scene_channel(context, &view, SBL_CHANNEL_NORMAL),
+              *albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
+        for (i = 0; i < PIXELS; i++) {
+            if (albedo[3 * i] < 0.4f || fabsf(normal[3 * i + 1]) < 0.999f) continue;
+            least = test_min(least, (double)stored[3 * i]);
+            most = test_max(most, (double)stored[3 * i]);
+            count++;
+        }
+        printf("  R of the upper side: %g to %g; cells of %g\n", least, most, (double)inside_cell_length(context));
+        CHECK(inside_cell_length(context) > 2 * (float)r, "cells are no longer than the body is thick");
+        CHECK(count > PIXELS / 10 && least > 0.99 && most < 1.01, "R is %g to %g instead of 1", least, most);
+        free(stored);
+        free(normal);
+        free(albedo);
+    } else CHECK(0, "no picture: %s", watch_last(&seen));
+    scene_free(&s);
+}
+
 /* A furnace has more surfaces than the store can hold in cells of the initial size, so that the surfaces found last get
    larger cells. R is still 1. */
 TEST(a_crowd_of_boxes) {
@@ -1957,6 +2007,7 @@ int main(void) {
     RUN_PLAIN(bright_leaves_get_more_points);
     RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
+    RUN(a_hollow_body);
     RUN_UNSANITIZED(a_crowd_of_boxes);
     RUN_PLAIN(more_sides_than_samples);
     RUN_PLAIN(more_meshes_than_samples);

@@ -155,7 +155,7 @@ static const uint64_t llvmpipe_15[PINS] = {
     0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
     0x06adf6f5655b5bfbu,  /* cornell_gi_traced */
     0xa257be3a72559cc7u,  /* cornell_gi_rasterised */
-    0xa745169e8b822fdcu  /* sky_gi_traced */
+    0x36aaca90fbdda8bcu  /* sky_gi_traced */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 

@@ -449,22 +449,22 @@ static const hash llvmpipe_15[CASES] = {
     0xe550da65726a7c68u,  /* glossy_picture */
     0x9045e472affd8764u,  /* glossy_window */
     0x5b5bd258a298d6c8u,  /* glossy_inspection */
-    0xab34d74f0bf736cau,  /* glossy_store */
+    0x5f5f72ab45ac3075u,  /* glossy_store */
     0xbd230c87a75d2311u,  /* glossy_rasterised */
-    0xcdf975183e29d61fu,  /* matte_picture */
-    0x4ea760de296f42edu,  /* plain_picture */
-    0xf70296c0f117bb74u,  /* changed_picture */
-    0x9daaaa438e9d54dbu,  /* directional_lightmap */
-    0x9df3c371c3ce6d69u,  /* grouped_lightmap */
+    0x0682641aa93072fau,  /* matte_picture */
+    0x0cb082160fbe86b1u,  /* plain_picture */
+    0x0b1cab42a10172d9u,  /* changed_picture */
+    0x78322fc0cda8d0dfu,  /* directional_lightmap */
+    0x76b1b146d5fc7d8fu,  /* grouped_lightmap */
     0xe2f40a569a1a355bu,  /* joined_lightmap */
-    0x6d0092fc23b0ada4u,  /* fitted_vertices */
+    0x80d9b9fab3d0f23eu,  /* fitted_vertices */
     0x51c33c84e090fc41u,  /* averaged_vertices */
-    0xa300f2d6ad9688dfu,  /* traced_readings */
+    0x42cc13fc53476a20u,  /* traced_readings */
     0x0b97c4d4c1c07936u,  /* short_readings */
     0x2e4e69bf80082469u,  /* rasterised_readings */
-    0x84c45c4271a78361u,  /* probes */
-    0x422e71e1efcfab69u,  /* store */
-    0x35b0ff9bf63e0a6eu,  /* stored_picture */
+    0x951aec1e421300beu,  /* probes */
+    0x5dbdebac21f45cefu,  /* store */
+    0x3ac5d888280f51acu,  /* stored_picture */
     0x599e38db4160af32u,  /* glow_picture */
     0x280cf93d808928b8u  /* stored_lightmap */
 };
