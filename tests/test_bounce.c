@@ -1128,34 +1128,53 @@ TEST(far_light_is_not_near_light) {
     scene_free(&s);
 }
 
+enum { FACETS = 20 };
+
+/* Adds the strips between neighbours of a list of points (x and y), from z = -half to half, as one mesh above a black
+   ground. The scene is large, so that cells are, too. */
+static void extruded(test_scene *s, double (*outline)[2], int facets, double half, float albedo, float size) {
+    static float corners[18 * FACETS];
+    int i, k;
+    for (i = 0; i < facets; i++)
+        for (k = 0; k < 6; k++) {
+            const double *at = outline[i + (k == 1 || k == 2 || k == 4)];
+            float *p = &corners[18 * i + 3 * k];
+            p[0] = (float)at[0];
+            p[1] = (float)at[1];
+            p[2] = (float)(k == 2 || k > 3 ? half : -half);
+        }
+    scene_quad(s, scene_material(s, 0, 0, 0), -size, -1, -size, size, -1, -size, size, -1, size, -size, -1, size);
+    scene_mesh(s, scene_material(s, albedo, albedo, albedo), corners, NULL, NULL, 6 * facets, NULL, 6 * facets);
+}
+
+/* Renders a view in which the test reads stored light. Returns 0 if that fails. */
+static int render_stored(const test_scene *s, sbl_picture_desc *view) {
+    view->options.mode = SBL_MODE_GI;
+    view->samples = 1;
+    view->options.rays = 16;
+    if (use_scene(s, 1024) && sbl_render_picture(context, view) == SBL_SUCCESS) return 1;
+    CHECK(0, "no picture: %s", watch_last(&seen));
+    return 0;
+}
+
 /* A pleated sheet is a mesh with steep pleats that are narrower than the cells. A sun lights every second pleat. R on
    the others stays near 0, although each cell contains pleats of both kinds. The store is read in a view from above. */
 TEST(a_pleated_sheet) {
-    enum { PLEATS = 20 };
-    static float corners[18 * PLEATS];
+    double outline[FACETS + 1][2];
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 60, 0.01f, 0.3f, 0, 0.01f, 0, 0);
     double lit = 0, most = 0;
     sbl_light *light;
-    int i, k, count = 0;
-    for (i = 0; i < PLEATS; i++)
-        for (k = 0; k < 6; k++) {
-            const int right = k == 1 || k == 2 || k == 4, away = k == 2 || k > 3;
-            float *p = &corners[18 * i + 3 * k];
-            p[0] = 0.05f * (float)(i + right - PLEATS / 2);
-            p[1] = (i + right) % 2 ? 0.0483f : 0;  /* slopes of 44 degrees */
-            p[2] = away ? 0.25f : -0.25f;
-        }
-    /* a large scene has large cells */
-    scene_quad(&s, scene_material(&s, 0, 0, 0), -2, -1, -2, 2, -1, -2, 2, -1, 2, -2, -1, 2);
-    scene_mesh(&s, scene_material(&s, 0.001f, 0.001f, 0.001f), corners, NULL, NULL, 6 * PLEATS, NULL, 6 * PLEATS);
+    int i, count = 0;
+    for (i = 0; i <= FACETS; i++) {
+        outline[i][0] = 0.05 * (i - FACETS / 2);
+        outline[i][1] = i % 2 ? 0.0483 : 0;  /* slopes of 44 degrees */
+    }
+    extruded(&s, outline, FACETS, 0.25, 0.001f, 2);
     light = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 1, 1, 1);  /* 42 degrees above the horizon */
     light->direction[0] = -0.743f;
     light->direction[1] = -0.669f;
-    view.options.mode = SBL_MODE_GI;
-    view.samples = 1;
-    view.options.rays = 16;
-    if (use_scene(&s, 1024) && sbl_render_picture(context, &view) == SBL_SUCCESS) {
+    if (render_stored(&s, &view)) {
         float *stored = scene_channel(context, &view, SBL_CHANNEL_STORE),
               *normal = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
         for (i = 0; i < PIXELS; i++) {
@@ -1170,7 +1189,7 @@ TEST(a_pleated_sheet) {
         CHECK(most < 0.01 * lit, "R of the dark pleats is %g of the lit ones'", most / lit);
         free(stored);
         free(normal);
-    } else CHECK(0, "no picture: %s", watch_last(&seen));
+    }
     scene_free(&s);
 }
 
@@ -1178,33 +1197,20 @@ TEST(a_pleated_sheet) {
    Under a sky of radiance 1, R of its upper side is 1; inside, almost no light arrives. */
 TEST(a_hollow_body) {
     enum { ARC = 6, AROUND = 2 * (ARC + 1) };  /* outline: two straight lines and two arcs of 6 facets each */
-    static float corners[18 * AROUND];
     const double r = 0.02;
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 30, 0.01f, 1, 0, 0, 0, 0);
-    double outline[AROUND][2], least = 2, most = 0;
-    int i, k, count = 0;
-    for (i = 0; i < AROUND; i++) {
-        const double angle = TEST_PI * (i % (ARC + 1) + (i > ARC ? ARC : 0)) / ARC;
-        outline[i][0] = r * sin(angle) + (i > ARC ? -0.2 : 0.2);
+    double outline[AROUND + 1][2], least = 2, most = 0;
+    int i, count = 0;
+    for (i = 0; i <= AROUND; i++) {
+        const int right = i <= ARC || i == AROUND;
+        const double angle = TEST_PI * (i % (ARC + 1) + (right ? 0 : ARC)) / ARC;
+        outline[i][0] = r * sin(angle) + (right ? 0.2 : -0.2);
         outline[i][1] = r * cos(angle);
     }
-    for (i = 0; i < AROUND; i++)
-        for (k = 0; k < 6; k++) {
-            const int next = k == 1 || k == 2 || k == 4, away = k == 2 || k > 3;
-            float *p = &corners[18 * i + 3 * k];
-            p[0] = (float)outline[(i + next) % AROUND][0];
-            p[1] = (float)outline[(i + next) % AROUND][1];
-            p[2] = away ? 1.0f : -1.0f;
-        }
-    /* a large scene has large cells */
-    scene_quad(&s, scene_material(&s, 0, 0, 0), -4, -1, -4, 4, -1, -4, 4, -1, 4, -4, -1, 4);
-    scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), corners, NULL, NULL, 6 * AROUND, NULL, 6 * AROUND);
+    extruded(&s, outline, AROUND, 1, 0.5f, 4);
     scene_sky(&s, 1, 1, 1);
-    view.options.mode = SBL_MODE_GI;
-    view.samples = 1;
-    view.options.rays = 16;
-    if (use_scene(&s, 1024) && sbl_render_picture(context, &view) == SBL_SUCCESS) {
+    if (render_stored(&s, &view)) {
         float *stored = scene_channel(context, &view, SBL_CHANNEL_STORE),
               *normal = scene_channel(context, &view, SBL_CHANNEL_NORMAL),
               *albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
@@ -1220,7 +1226,7 @@ TEST(a_hollow_body) {
         free(stored);
         free(normal);
         free(albedo);
-    } else CHECK(0, "no picture: %s", watch_last(&seen));
+    }
     scene_free(&s);
 }
 
