@@ -2890,6 +2890,76 @@ TEST(developed_light_is_deleted) {
     }
 }
 
+/* Up to SBL__SEAM_CHAIN edges with the same ends are kept, so that many equal edges take no longer than a few. */
+TEST(chains_of_edges_end) {
+    enum { TRIANGLES = SBL__SEAM_CHAIN + 4 };
+    static unsigned char baked[1] = { 1 };
+    static float map[6];
+    sbl__vertex vertices[3];
+    uint32_t indices[3 * TRIANGLES], kept[3] = { 0, 0, 0 }, slot;
+    sbl__geometry g;
+    sbl__atlas atlas;
+    sbl__seams s;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&atlas, 0, sizeof atlas);
+    memset(&s, 0, sizeof s);
+    for (i = 0; i < 3; i++) vertices[i].position[i] = 1;
+    for (i = 0; i < 3 * TRIANGLES; i++) indices[i] = (uint32_t)i % 3;
+    g.vertices = vertices;
+    g.indices = indices;
+    g.lightmap_texcoords = map;
+    g.triangle_count = TRIANGLES;
+    atlas.geometry = &g;
+    atlas.baked = baked;
+    s.atlas = &atlas;
+    REQUIRE(sbl__hash_table_make(&base, &s.edges, 3 * TRIANGLES) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 3 * TRIANGLES; i++) CHECK(sbl__seams_edge(&s, i) == SBL_SUCCESS, "edge %d", i);
+    for (slot = 0; slot <= s.edges.mask; slot++) if (s.edges.buckets[slot]) kept[(s.edges.buckets[slot] - 1) % 3]++;
+    for (i = 0; i < 3; i++) CHECK(kept[i] == SBL__SEAM_CHAIN, "%u edges are kept", kept[i]);
+    sbl__hash_table_free(&base, &s.edges);
+}
+
+/* Every array of a map that is joined must be finite: ids, R and all groups or harmonics. */
+TEST(joined_arrays_must_be_finite) {
+    enum { WIDTH = 3, ROW = 1, LAYERS = SBL__LAYERS - 1 };
+    static float ids[2 * WIDTH], light[LAYERS + 1][6 * WIDTH];
+    static sbl__joining j;
+    static sbl__core core;
+    int grouped, layer;
+    j.work.core = &core;
+    core.scene.light_groups = LAYERS;
+    j.desc.lightmap.width = WIDTH;
+    j.desc.lightmap.height = 2;
+    j.desc.ids = ids;
+    for (grouped = 0; grouped < 2; grouped++) {
+        j.desc.lightmap.grouped = grouped;
+        j.desc.lightmap.directional = !grouped;
+        for (layer = 0; layer <= LAYERS; layer++) j.desc.light[layer] = grouped && layer ? NULL : light[layer];
+        for (layer = 0; layer < LAYERS; layer++) j.desc.groups[layer] = light[layer + 1];
+        CHECK(sbl__joining_check_texels(&j, ROW) == SBL_SUCCESS, "finite arrays are refused");
+        for (layer = -1; layer <= LAYERS; layer++) {
+            float *bad = layer < 0 ? &ids[2 * WIDTH - 1] : &light[layer][6 * WIDTH - 1];
+            *bad = (float)HUGE_VAL;
+            CHECK(sbl__joining_check_texels(&j, ROW) == SBL_ERROR_INVALID_ARGUMENT, "layer %d is not checked", layer);
+            CHECK(sbl__joining_check_texels(&j, 0) == SBL_SUCCESS, "layer %d: another row is checked", layer);
+            *bad = 0;
+        }
+    }
+}
+
+/* Abandoned work leaves no job. */
+TEST(abandoned_jobs_are_freed) {
+    static sbl_context c;
+    c.core.base = base;
+    c.core.device.base = &c.core.base;
+    c.core.job.looks = (sbl__look *)sbl__alloc(&c.core.base, 1, sizeof(sbl__look));
+    sbl__abandon(&c);
+    CHECK(!c.core.job.looks && c.core.base.memory.host_bytes == 0, "%d bytes are left",
+          (int)c.core.base.memory.host_bytes);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -2987,5 +3057,8 @@ int main(void) {
     RUN(sites_are_measured_in_their_stage);
     RUN(hinges_weigh_as_the_smaller_triangle);
     RUN(developed_light_is_deleted);
+    RUN(chains_of_edges_end);
+    RUN(joined_arrays_must_be_finite);
+    RUN(abandoned_jobs_are_freed);
     return test_report();
 }
