@@ -1403,6 +1403,9 @@ TEST(largest_mirrors_of_lamps_are_kept) {
         CHECK(fabs((double)m->middle[1] + 5) < 1e-6 && fabs((double)m->offset + 1) < 1e-6 && m->normal[1] > 0 &&
                   fabs((double)m->power - 2) < 1e-6, "mirror %d: the image is at %g", number, (double)m->middle[1]);
     }
+    l.plane_count = 1;
+    sbl__lamp_trees_mirror(&l);
+    CHECK(lamps.mirrored_count == 1, "%d images in one mirror", lamps.mirrored_count);
 }
 
 /* A line runs from x = 0 to x = 1 through a cell that is cut at x = 0.5. Both parts have cuts, which the line does not
@@ -2960,6 +2963,254 @@ TEST(abandoned_jobs_are_freed) {
           (int)c.core.base.memory.host_bytes);
 }
 
+/* A triangle joins the patch of one beside it, unless the edge between them is sharp. Triangles that only touch at a
+   corner stay apart. */
+TEST(smooth_triangles_are_one_patch) {
+    static const float at[8][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 0, 1, 0 }, { 1, 1, 0 }, { 0, 0, 1 }, { -1, 0, 0 },
+                                    { 0, -1, 0 }, { 2, 1, 0.1f } };
+    static const uint32_t expected[5] = { 0, 0, 2, 3, 0 };
+    uint32_t indices[15] = { 0, 1, 2, 1, 3, 2, 0, 4, 2, 0, 5, 6, 1, 7, 3 };
+    uint32_t welded[8], corners[15], parents[5], i;
+    sbl__vertex vertices[8];
+    sbl__patching p;
+    sbl__geometry g;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&p, 0, sizeof p);
+    for (i = 0; i < 8; i++) memcpy(vertices[i].position, at[i], sizeof at[i]);
+    for (i = 0; i < 8; i++) welded[i] = i;
+    for (i = 0; i < 5; i++) parents[i] = i;
+    g.vertices = vertices;
+    g.indices = indices;
+    p.geometry = &g;
+    p.welded = welded;
+    p.corners = corners;
+    p.parents = parents;
+    REQUIRE(sbl__hash_table_make(&base, &p.ends, 15) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 5; i++) CHECK(sbl__patch_join(&p, (int)i) == SBL_SUCCESS, "triangle %u", i);
+    for (i = 0; i < 5; i++)
+        CHECK(sbl__root(parents, i) == expected[i], "triangle %u is in patch %u", i, sbl__root(parents, i));
+    sbl__hash_table_free(&base, &p.ends);
+}
+
+static char logged[512];
+
+static void keep_message(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)level; (void)item; (void)user;
+    snprintf(logged, sizeof logged, "%s", message);
+}
+
+/* The message about the budget tells in MB what is needed and what is left, and the size of a picture that fits. */
+TEST(what_fits_is_told_in_megabytes) {
+    sbl__base budgeted = base;
+    sbl__need need = { { 1e6, 2e6 }, { 10, 100 }, 3e6 };
+    budgeted.logger.log = keep_message;
+    budgeted.memory.host_bytes = 1000000;
+    budgeted.memory.gpu_bytes = 2000000;
+    budgeted.budget = 305000000;
+    logged[0] = 0;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_SUCCESS && !logged[0], "302 MB do not fit: %s", logged);
+    budgeted.budget--;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_ERROR_OUT_OF_MEMORY, "302 MB fit");
+    CHECK(strstr(logged, "about 302 MB are needed") && strstr(logged, "leaves 302 MB") &&
+              strstr(logged, "1732 x 1732 pixels"), "%s", logged);
+    budgeted.budget = 2000000;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_ERROR_OUT_OF_MEMORY &&
+              strstr(logged, "leaves 0 MB, enough for 0 x 0"), "%s", logged);
+    budgeted.budget = 0;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_SUCCESS, "there is a limit without a budget");
+}
+
+/* The state of the corners of a tile: the fewest looks of usable sensors, new sensors, and unread ones. */
+TEST(corners_of_a_tile_are_summed_up) {
+    static const int looks[4] = { 5, 3, 1, 4 };
+    sbl__pixel pixels[4];
+    sbl__sensor sensors[5], *block = sensors;
+    sbl__corners all;
+    sbl__tile tile;
+    sbl__refine r;
+    int i;
+    memset(pixels, 0, sizeof pixels);
+    memset(sensors, 0, sizeof sensors);
+    memset(&tile, 0, sizeof tile);
+    small_refine(&r, pixels, &block, 2);
+    r.rounds = 7;
+    tile.area.x[1] = tile.area.y[1] = 1;
+    all = sbl__tile_corners(&r, &tile);
+    CHECK(!all.looks && !all.is_new && !all.unread, "%d looks without sensors", all.looks);
+    for (i = 0; i < 4; i++) {
+        sbl__sensor *s = &sensors[i + 1];
+        pixels[i].sensor = (uint32_t)i + 1;
+        pixels[i].id = 1;
+        s->sensed = 1;
+        s->invalid = i == 2;
+        s->looks = (unsigned short)looks[i];
+        s->round = 5;
+    }
+    all = sbl__tile_corners(&r, &tile);
+    CHECK(all.looks == 3 && !all.is_new && !all.unread, "%d looks, new %d, unread %d", all.looks, all.is_new,
+          all.unread);
+    for (i = 1; i <= 4; i++) {
+        sensors[i].round = 6;
+        sensors[i].sensed = 0;
+        all = sbl__tile_corners(&r, &tile);
+        CHECK(all.is_new && all.unread, "corner %d: new %d, unread %d", i - 1, all.is_new, all.unread);
+        sensors[i].round = 5;
+        sensors[i].sensed = 1;
+    }
+}
+
+/* After the light of glows, all leaves have positive red again, and those whose bright leaf is gone are ordinary. */
+TEST(leaves_are_positive_after_glows) {
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__bounce_leaf states[2];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    sbl__bounce_point points[1];
+    int i;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    set_leaves(&b, &store, leaves, states);
+    b.core = &core;
+    b.points = points;
+    b.glows = SBL__GLOWS_EVERYWHERE;
+    for (i = 0; i < 2; i++) {
+        states[i].bright = SBL__BRIGHT;
+        leaves[i].light[0] = (float)(-3 - i);
+    }
+    CHECK(sbl__bright_after_glow(&b) == SBL__BOUNCE_NOISE && b.glows == SBL__GLOWS_NOWHERE, "there are glows");
+    for (i = 0; i < 2; i++)
+        CHECK(!states[i].bright && fabs((double)leaves[i].light[0] - 3 - i) < 1e-6, "leaf %d: red %g, bright %d", i,
+              (double)leaves[i].light[0], states[i].bright);
+}
+
+/* A touched texel is refused beside a hidden texel of the same surface, in any of eight directions, whichever is read
+   first. Texels farther away, and those of other surfaces, do not matter. */
+TEST(touched_texels_beside_hidden_ones_are_refused) {
+    enum { SIDE = 5, MIDDLE = 12 };
+    static sbl__core core;
+    static sbl__atlas atlas;
+    sbl__pixel pixels[SIDE * SIDE];
+    sbl__sensor sensors[SIDE * SIDE + 1], *block = sensors;
+    int other, order, i;
+    core.base = base;
+    for (other = 0; other < SIDE * SIDE; other++)
+        for (order = 0; order < 4; order++) {  /* bit 0: the hidden texel is read last; bit 1: another surface */
+            const int beside = abs(other % SIDE - 2) <= 1 && abs(other / SIDE - 2) <= 1 && other != MIDDLE;
+            const int touched = order & 1 ? other : MIDDLE, hidden = order & 1 ? MIDDLE : other;
+            sbl_reading reading;
+            sbl__spec spec;
+            sbl__refine r;
+            if (other == MIDDLE) continue;
+            memset(pixels, 0, sizeof pixels);
+            memset(sensors, 0, sizeof sensors);
+            memset(&reading, 0, sizeof reading);
+            memset(&spec, 0, sizeof spec);
+            small_refine(&r, pixels, &block, SIDE);
+            r.core = &core;
+            r.atlas = &atlas;
+            r.spec = &spec;
+            spec.traced = 1;
+            r.distance_limit = 1;
+            for (i = 0; i < SIDE * SIDE; i++) {
+                pixels[i].id = order & 2 && i == other ? 2 : 1;
+                pixels[i].sensor = (uint32_t)i + 1;
+            }
+            sensors[other + 1].occlusion = order & 1 ? SBL__TOUCHED : SBL__HIDDEN;
+            reading.valid = 1;
+            reading.hit_min = 0.5f * SBL__HIDDEN_TOUCH;
+            reading.hit_mean = 0.5f * SBL__HIDDEN_CLOSE;
+            reading.hit_share = order & 1 ? 1 : 0.01f;
+            CHECK(sbl__places_validate(&r, MIDDLE, &reading) == SBL_SUCCESS &&
+                      sensors[MIDDLE + 1].occlusion == (order & 1 ? SBL__HIDDEN : SBL__TOUCHED), "occlusion %d",
+                  sensors[MIDDLE + 1].occlusion);
+            CHECK(sensors[touched + 1].invalid == (beside && !(order & 2)), "touched texel %d, hidden texel %d: "
+                  "invalid %d", touched, hidden, sensors[touched + 1].invalid);
+            sbl__free(&core.base, r.searched);
+        }
+}
+
+/* A new grid of cells begins without hits, points, cuts and black leaves. Small cells keep a pool above 1. */
+TEST(grids_begin_empty) {
+    static sbl__bounce b;
+    b.patching.growth = 2;
+    b.patching.pool = 1.5;
+    b.samples_due = b.samples.count = b.waiting.count = b.point_count = b.cut_leaves = b.points_cast = 5;
+    b.recheck = b.rechecking = b.samples_assigned = b.black_leaves = 5;
+    b.needed_growth = 3;
+    CHECK(sbl__cells_restart(&b, 0.5) == SBL__BOUNCE_GRID && fabs(b.patching.growth - 1) < 1e-9 &&
+              fabs(b.patching.pool - 1.5) < 1e-9, "growth %g, pool %g", b.patching.growth, b.patching.pool);
+    CHECK(!b.samples_due && !(b.needed_growth > 0) && !b.samples.count && !b.waiting.count && !b.point_count &&
+              !b.cut_leaves && !b.points_cast && !b.recheck && !b.rechecking && !b.samples_assigned && !b.black_leaves,
+          "the new grid is not empty");
+    sbl__cells_restart(&b, 3);
+    CHECK(fabs(b.patching.growth - 3) < 1e-9 && fabs(b.patching.pool - 4.5) < 1e-9, "growth %g, pool %g",
+          b.patching.growth, b.patching.pool);
+}
+
+/* Jobs have room for all sites, but for no more than SBL__WORK_SITES. */
+TEST(jobs_have_room_for_their_sites) {
+    static sbl__core core;
+    sbl__work w;
+    int i;
+    core.base = base;
+    core.device.base = &core.base;
+    for (i = 0; i < 4; i++) {
+        const double count = i < 2 ? 3 : 1e12, sites = i < 2 ? 3 : SBL__WORK_SITES;
+        memset(&w, 0, sizeof w);
+        w.core = &core;
+        REQUIRE(sbl__work_make_task(&w, count, i & 1) == SBL_SUCCESS, "no memory");
+        CHECK(fabs((double)core.base.memory.host_bytes - sites * (double)(sizeof *w.sites + (i & 1 ? sizeof *w.readings
+              : 0))) < 0.5, "%.0f sites have %.0f bytes", sites, (double)core.base.memory.host_bytes);
+        sbl__work_free_task(&w);
+        CHECK(core.base.memory.host_bytes == 0 && !w.sites && !w.readings, "sites are left");
+    }
+}
+
+/* The score of a leaf is the weight of its rays times the variance of the light in its region, relative to the mean
+   square of all light. Few hits, or even light, give no score. */
+TEST(uneven_light_has_a_score) {
+    static sbl__bounce b;
+    sbl__region region = { 4, 12, 44 };  /* mean 3, mean square 11, variance 2 */
+    sbl__leaf_moments moments[1];
+    sbl__bounce_leaf states[2];
+    sbl__bounce_point points[1];
+    static sbl__division d;
+    sbl__leaf leaves[2];
+    sbl__store store;
+    uint32_t patches[1] = { 0 };
+    int i, k, counted = 0;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    set_leaves(&b, &store, leaves, states);
+    store.patches = patches;
+    store.cell_capacity = 1;
+    store.length = 1;
+    b.points = points;
+    b.division = &d;
+    d.moments = moments;
+    d.regions = &region;
+    d.all.points = 100;
+    d.all.squares = 50;
+    for (k = 0; k < 3; k++) leaves[0].light[k] = 7;
+    for (i = 0; i < 4; i++) {  /* a score; few hits; even light; no valid point */
+        d.light = d.variance = 0;
+        memset(moments, 0, sizeof moments);
+        moments[0].hits = i == 1 ? 0.5 * SBL__DIVIDE_HITS : 2.0 * SBL__DIVIDE_HITS;
+        moments[0].weight = 5;
+        states[0].valid = i == 3 ? 0 : 3;
+        if (i == 2) region.squares = 36;
+        CHECK(sbl__division_score(&b, 0) == SBL_SUCCESS && fabs(moments[0].score - (i ? 0 : 5 * 2 * 100 / 50.0)) <
+                  1e-9, "case %d has the score %g", i, moments[0].score);
+        CHECK(fabs(d.variance - (i < 2 ? moments[0].hits * 5 * 2 / 3 : 0)) < 1e-9 &&
+                  fabs(d.light - (i < 3 ? 7 * sqrt(5 * moments[0].hits) : 0)) < 1e-4, "case %d: variance %g, light %g",
+              i, d.variance, d.light);
+    }
+    for (i = 0; i < SBL__SCORES; i++) counted += d.classes[i];
+    CHECK(counted == 1 && d.classes[sbl__score_class(20)] == 1, "%d leaves are in classes", counted);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -3060,5 +3311,13 @@ int main(void) {
     RUN(chains_of_edges_end);
     RUN(joined_arrays_must_be_finite);
     RUN(abandoned_jobs_are_freed);
+    RUN(smooth_triangles_are_one_patch);
+    RUN(what_fits_is_told_in_megabytes);
+    RUN(corners_of_a_tile_are_summed_up);
+    RUN(leaves_are_positive_after_glows);
+    RUN(touched_texels_beside_hidden_ones_are_refused);
+    RUN(grids_begin_empty);
+    RUN(jobs_have_room_for_their_sites);
+    RUN(uneven_light_has_a_score);
     return test_report();
 }
