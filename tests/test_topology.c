@@ -3211,6 +3211,94 @@ TEST(uneven_light_has_a_score) {
     CHECK(counted == 1 && d.classes[sbl__score_class(20)] == 1, "%d leaves are in classes", counted);
 }
 
+/* Narrow triangles are marked at a sharp edge and, in later rounds, beside marked ones. */
+TEST(narrow_triangles_are_marked) {
+    static const float at[6][3] = { { 0, 0, 0 }, { 0, 1, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 1, 0, 1 }, { 1, 1, 1 } };
+    static const uint32_t edges[4][3] = {  /* per side: the triangle beside it */
+        { SBL__NONE, 1, SBL__NONE }, { SBL__NONE, 2, 0 }, { SBL__NONE, 3, 1 }, { SBL__NONE, SBL__NONE, 2 }
+    };
+    uint32_t indices[12] = { 0, 2, 1, 1, 2, 3, 3, 2, 4, 3, 4, 5 }, beside[12];
+    unsigned char marks[4];
+    sbl__vertex vertices[6];
+    sbl__geometry g;
+    sbl__atlas a;
+    int i, narrow;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&a, 0, sizeof a);
+    for (i = 0; i < 6; i++) memcpy(vertices[i].position, at[i], sizeof at[i]);
+    for (i = 0; i < 12; i++) beside[i] = SBL__NONE;
+    for (i = 0; i < 4; i++) memcpy(beside + 3 * i, edges[i], sizeof edges[i]);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.triangle_count = 4;
+    a.geometry = &g;
+    a.marks = marks;
+    a.beside = beside;
+    a.world_area = 18;
+    a.area = 2;
+    a.across = 2;  /* a texel is 6 wide */
+    for (narrow = 0; narrow < 2; narrow++) {
+        memset(marks, 0, sizeof marks);
+        a.facet_limit = narrow ? 0.09f : 0.05f;  /* the heights above the shared sides are 0.7 and 1 */
+        for (i = 0; i < 4; i++) CHECK(sbl__atlas_mark_sharp(&a, i) == SBL_SUCCESS, "triangle %d", i);
+        for (i = 0; i < 4; i++)
+            CHECK(marks[i] == (narrow && (i == 1 || i == 2)), "narrow %d: triangle %d has the mark %d", narrow, i,
+                  marks[i]);
+        for (i = 0; i < 4; i++) CHECK(sbl__atlas_mark_neighbours(&a, i) == SBL_SUCCESS, "triangle %d", i);
+        for (i = 0; i < 4; i++)
+            CHECK(marks[i] == (!narrow ? 0 : i == 1 || i == 2 ? 1 : 2), "narrow %d: triangle %d has the mark %d",
+                  narrow, i, marks[i]);
+    }
+}
+
+/* Two squares of two triangles each have one hinge each, along the diagonal. */
+TEST(meshes_have_their_own_hinges) {
+    static const float at[4][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 0, 1, 0 } };
+    static const double expected[4] = { 0.5, 0.5, -0.5, -0.5 };
+    static sbl__core core;
+    static sbl__vertices s;
+    sbl__baked_mesh meshes[2];
+    sbl__vertex vertices[8];
+    uint32_t corners[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 }, unknowns[8];
+    float areas[4] = { 1, 1, 1, 1 };
+    int i, k;
+    core.base = base;
+    core.scene.geometry.vertices = vertices;
+    memset(meshes, 0, sizeof meshes);
+    memset(vertices, 0, sizeof vertices);
+    for (i = 0; i < 8; i++) memcpy(vertices[i].position, at[i % 4], sizeof at[0]);
+    for (i = 0; i < 8; i++) unknowns[i] = (uint32_t)i;
+    for (i = 0; i < 2; i++) {
+        meshes[i].first_vertex = 4 * i;
+        meshes[i].first_triangle = 2 * i;
+        meshes[i].triangle_count = 2;
+        meshes[i].vertex_count = 4;
+        meshes[i].area = 2;
+        meshes[i].first_hinge = 99;
+    }
+    s.work.core = &core;
+    s.meshes = meshes;
+    s.mesh_count = 2;
+    s.corners = corners;
+    s.unknowns = unknowns;
+    s.areas = areas;
+    s.desc.samples = 16;
+    s.desc.smoothing = 1;
+    REQUIRE(sbl__hash_table_make(&core.base, &s.ends, 12) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 4; i++) CHECK(sbl__vertices_sides(&s, i) == SBL_SUCCESS, "triangle %d", i);
+    CHECK(s.hinge_count == 2 && s.points == 4 * 16, "%d hinges, %d points", s.hinge_count, (int)s.points);
+    for (i = 0; i < 2; i++) {
+        CHECK(meshes[i].first_hinge == i && meshes[i].hinge_count == 1, "mesh %d: %d hinges from %d on", i,
+              meshes[i].hinge_count, meshes[i].first_hinge);
+        for (k = 0; k < 4 && i < s.hinge_count; k++)
+            CHECK(fabs((double)s.hinges[i].weights[k] - expected[k]) < 1e-6, "mesh %d: weight %d is %g", i, k,
+                  (double)s.hinges[i].weights[k]);
+    }
+    sbl__free(&core.base, s.hinges);
+    sbl__hash_table_free(&core.base, &s.ends);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -3319,5 +3407,7 @@ int main(void) {
     RUN(grids_begin_empty);
     RUN(jobs_have_room_for_their_sites);
     RUN(uneven_light_has_a_score);
+    RUN(narrow_triangles_are_marked);
+    RUN(meshes_have_their_own_hinges);
     return test_report();
 }
