@@ -3252,29 +3252,29 @@ TEST(narrow_triangles_are_marked) {
     }
 }
 
-/* Two squares of two triangles each have one hinge each, along the diagonal. */
+/* Two fans of three triangles have two hinges each. The first lies along the diagonal of a square. */
 TEST(meshes_have_their_own_hinges) {
-    static const float at[4][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 0, 1, 0 } };
+    static const float at[5][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 0, 1, 0 }, { -1, 1, 0 } };
     static const double expected[4] = { 0.5, 0.5, -0.5, -0.5 };
     static sbl__core core;
     static sbl__vertices s;
     sbl__baked_mesh meshes[2];
-    sbl__vertex vertices[8];
-    uint32_t corners[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 }, unknowns[8];
-    float areas[4] = { 1, 1, 1, 1 };
+    sbl__vertex vertices[10];
+    uint32_t corners[18] = { 0, 1, 2, 0, 2, 3, 0, 3, 4, 5, 6, 7, 5, 7, 8, 5, 8, 9 }, unknowns[10];
+    float areas[6] = { 1, 1, 1, 1, 1, 1 };
     int i, k;
     core.base = base;
     core.scene.geometry.vertices = vertices;
     memset(meshes, 0, sizeof meshes);
     memset(vertices, 0, sizeof vertices);
-    for (i = 0; i < 8; i++) memcpy(vertices[i].position, at[i % 4], sizeof at[0]);
-    for (i = 0; i < 8; i++) unknowns[i] = (uint32_t)i;
+    for (i = 0; i < 10; i++) memcpy(vertices[i].position, at[i % 5], sizeof at[0]);
+    for (i = 0; i < 10; i++) unknowns[i] = (uint32_t)i;
     for (i = 0; i < 2; i++) {
-        meshes[i].first_vertex = 4 * i;
-        meshes[i].first_triangle = 2 * i;
-        meshes[i].triangle_count = 2;
-        meshes[i].vertex_count = 4;
-        meshes[i].area = 2;
+        meshes[i].first_vertex = 5 * i;
+        meshes[i].first_triangle = 3 * i;
+        meshes[i].triangle_count = 3;
+        meshes[i].vertex_count = 5;
+        meshes[i].area = 3;
         meshes[i].first_hinge = 99;
     }
     s.work.core = &core;
@@ -3285,15 +3285,15 @@ TEST(meshes_have_their_own_hinges) {
     s.areas = areas;
     s.desc.samples = 16;
     s.desc.smoothing = 1;
-    REQUIRE(sbl__hash_table_make(&core.base, &s.ends, 12) == SBL_SUCCESS, "no memory");
-    for (i = 0; i < 4; i++) CHECK(sbl__vertices_sides(&s, i) == SBL_SUCCESS, "triangle %d", i);
-    CHECK(s.hinge_count == 2 && s.points == 4 * 16, "%d hinges, %d points", s.hinge_count, (int)s.points);
+    REQUIRE(sbl__hash_table_make(&core.base, &s.ends, 18) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 6; i++) CHECK(sbl__vertices_sides(&s, i) == SBL_SUCCESS, "triangle %d", i);
+    CHECK(s.hinge_count == 4 && s.points == 6 * 16, "%d hinges, %d points", s.hinge_count, (int)s.points);
     for (i = 0; i < 2; i++) {
-        CHECK(meshes[i].first_hinge == i && meshes[i].hinge_count == 1, "mesh %d: %d hinges from %d on", i,
+        CHECK(meshes[i].first_hinge == 2 * i && meshes[i].hinge_count == 2, "mesh %d: %d hinges from %d on", i,
               meshes[i].hinge_count, meshes[i].first_hinge);
-        for (k = 0; k < 4 && i < s.hinge_count; k++)
-            CHECK(fabs((double)s.hinges[i].weights[k] - expected[k]) < 1e-6, "mesh %d: weight %d is %g", i, k,
-                  (double)s.hinges[i].weights[k]);
+        for (k = 0; k < 4 && 2 * i < s.hinge_count; k++)
+            CHECK(fabs((double)s.hinges[2 * i].weights[k] - expected[k]) < 1e-6, "mesh %d: weight %d is %g", i, k,
+                  (double)s.hinges[2 * i].weights[k]);
     }
     sbl__free(&core.base, s.hinges);
     sbl__hash_table_free(&core.base, &s.ends);
