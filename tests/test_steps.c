@@ -579,6 +579,33 @@ TEST(late_previews_change_nothing) {
     sbl_destroy(context);
 }
 
+/* If no memory is left to show an unfinished picture, the picture is dropped, and the next one is right. */
+TEST(pictures_that_cannot_be_shown_are_dropped) {
+    enum { WIDE = 32, HIGH = 24, FLOATS = 3 * WIDE * HIGH };
+    static float whole[FLOATS], now[FLOATS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    if (!context) return;
+    view.width = WIDE;
+    view.height = HIGH;
+    view.samples = 1;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_FINAL, whole, FLOATS) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
+    while (sbl_step(context, 1e-9) == SBL_UNFINISHED && (sbl__refine_error(&context->picture.map.refine) < 0 ||
+                                                         context->picture.map.glimpse == SBL__GLIMPSE_UNDER_WAY)) {}
+    context->core.base.budget = 1;
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, FLOATS) == SBL_ERROR_OUT_OF_MEMORY,
+          "the preview needs no memory");
+    context->core.base.budget = 0;
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE, "a picture that cannot be shown goes on");
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+          sbl_read_channel(context, SBL_CHANNEL_FINAL, now, FLOATS) == SBL_SUCCESS &&
+          memcmp(now, whole, sizeof now) == 0, "the next picture differs");
+    sbl_destroy(context);
+}
+
 /* The predicted number of looks is exact at the end of refinement, and close to the final number as soon as it is
    reported as certain. Progress increases to 1. */
 TEST(refinement_foresees_its_looks) {
@@ -978,6 +1005,7 @@ int main(void) {
     RUN(programs_have_room);
     RUN_UNSANITIZED(each_level_is_sharper);
     RUN(late_previews_change_nothing);
+    RUN(pictures_that_cannot_be_shown_are_dropped);
     RUN_UNSANITIZED(refinement_foresees_its_looks);
     RUN(surfaces_are_shown_before_sensors);
     RUN_UNSANITIZED(direct_light_is_shown_first);

@@ -237,6 +237,8 @@ static void solve(int together, int preconditioned, double identity, int bound) 
     memset(&s, 0, sizeof s);
     for (i = 0; i < ROWS * UNKNOWNS; i++) rows[i / UNKNOWNS][i % UNKNOWNS] = sbl__hash(seed++) / 4294967296.0 - 0.3;
     REQUIRE(sbl__solver_make(&base, &s, UNKNOWNS) == SBL_SUCCESS, "no memory");
+    CHECK(base.memory.host_bytes == 5 * 3 * UNKNOWNS * sizeof(double), "the arrays have %d bytes",
+          (int)base.memory.host_bytes);
     s.term = row_term;
     s.term_count = ROWS;
     s.together = together;
@@ -976,6 +978,9 @@ TEST(settled_hits_are_skipped) {
     store.max_leaves = 100;
     CHECK(sbl__cells_after_assign(&b) == SBL__BOUNCE_CAST_POINTS, "no points are cast");
     CHECK(sbl__hit_is_settled(&b, &hits[1], 0), "a cut counts twice");
+    states[0].cut = states[2].cut = 5;
+    CHECK(sbl__solution_after_link(&b) == SBL__BOUNCE_SITES && !states[0].cut && !states[2].cut,
+          "linked hits wait for a cut");
 }
 
 /* All rays of the points of a leaf hit another leaf, which reflects half of 8. A leaf with 16 points has the same
@@ -1398,6 +1403,9 @@ TEST(largest_mirrors_of_lamps_are_kept) {
         CHECK(fabs((double)m->middle[1] + 5) < 1e-6 && fabs((double)m->offset + 1) < 1e-6 && m->normal[1] > 0 &&
                   fabs((double)m->power - 2) < 1e-6, "mirror %d: the image is at %g", number, (double)m->middle[1]);
     }
+    l.plane_count = 1;
+    sbl__lamp_trees_mirror(&l);
+    CHECK(lamps.mirrored_count == 1, "%d images in one mirror", lamps.mirrored_count);
 }
 
 /* A line runs from x = 0 to x = 1 through a cell that is cut at x = 0.5. Both parts have cuts, which the line does not
@@ -2373,6 +2381,924 @@ TEST(sides_have_their_own_groups) {
     }
 }
 
+static double random_unit(uint32_t *seed) { return test_hash(++*seed) / 4294967296.0; }
+
+/* Joins random pairs of numbers, and compares their groups with labels: a join gives all numbers of the one group the
+   smaller of the two labels. */
+TEST(random_groups_have_their_least_number) {
+    enum { COUNT = 60 };
+    uint32_t parents[COUNT], labels[COUNT], seed = 0, i, k, wrong = 0;
+    for (i = 0; i < COUNT; i++) parents[i] = labels[i] = i;
+    for (k = 0; k < COUNT; k++) {
+        const uint32_t one = test_hash(++seed) % COUNT, other = test_hash(++seed) % COUNT;
+        const uint32_t low = SBL__MIN(labels[one], labels[other]), high = SBL__MAX(labels[one], labels[other]);
+        sbl__join(parents, one, other);
+        for (i = 0; i < COUNT; i++) if (labels[i] == high) labels[i] = low;
+        for (i = 0; i < COUNT && k % 8 == 7; i++) wrong += sbl__root(parents, i) != labels[i];
+    }
+    CHECK(!wrong, "%u numbers have a wrong root", wrong);
+}
+
+/* The parts of a texel are a square of working pixels. The squares of all texels fill the window without its margin. */
+TEST(parts_of_texels_are_squares) {
+    enum { ACROSS = 3, WIDE = 4, HIGH = 2, LEFT = 5, TOP = 2, WIDTH = LEFT + ACROSS * WIDE + 1 };
+    static sbl__map m;
+    int texel, i;
+    m.across = ACROSS;
+    m.size[0] = WIDE;
+    m.size[1] = HIGH;
+    m.window.inset[0] = LEFT;
+    m.window.inset[1] = TOP;
+    m.desc.width = WIDTH;
+    for (texel = 0; texel < WIDE * HIGH; texel++)
+        for (i = 0; i < ACROSS * ACROSS; i++) {
+            const int x = LEFT + texel % WIDE * ACROSS + i % ACROSS, y = TOP + texel / WIDE * ACROSS + i / ACROSS;
+            CHECK(sbl__lightmap_subtexel(&m, texel, i) == (size_t)(y * WIDTH + x), "part %d of texel %d is pixel %d",
+                  i, texel, (int)sbl__lightmap_subtexel(&m, texel, i));
+        }
+}
+
+/* The rest of the time: what the store lacks and, before the first look, the typical time. Afterwards it is the mean of
+   the rest of the typical time and the time of the expected looks. */
+TEST(the_rest_of_the_time_is_estimated) {
+    static sbl__core core;
+    static sbl__bounce bounce;
+    static sbl__map m;
+    sbl__refine *r = &m.refine;
+    double filled;
+    m.work.core = &core;
+    m.desc.width = 40;
+    m.desc.height = 10;
+    m.work.stages.stage = SBL__MAP_REFINE - 1;
+    core.bounce = &bounce;
+    bounce.divisions = 1;
+    filled = (double)sbl__bounce_progress(&core);
+    REQUIRE(filled > (double)SBL__BOUNCE_CAST && filled < 1, "%g of the store are filled", filled);
+    CHECK(fabs(sbl__map_seconds_left(&m) - 1e9) < 1, "without rays: %g", sbl__map_seconds_left(&m));
+    core.stats.seconds.bounce = 2;
+    core.stats.store.rays = 1000;
+    /* the square root of 400 pixels is 20; rays take this fraction of the time of the store */
+    CHECK(fabs(sbl__map_seconds_left(&m) / (2 * (1 / filled - 1) + SBL__MAP_TYPICAL * 20 *
+                                            (2 * (double)SBL__BOUNCE_CAST / filled / 1000)) - 1) < 1e-9,
+          "before refinement: %g", sbl__map_seconds_left(&m));
+    core.scene.store.ready = 1;
+    CHECK(fabs(sbl__map_seconds_left(&m) / (SBL__MAP_TYPICAL * 20 * (double)SBL__BOUNCE_CAST * 2 / 1000) - 1) < 1e-9,
+          "with a full store: %g", sbl__map_seconds_left(&m));
+    m.work.stages.stage = SBL__MAP_REFINE;
+    core.stats.seconds.gather = 7;
+    core.stats.seconds.refine = 3;
+    m.paced_from[0] = 6;
+    m.paced_from[1] = 10;
+    r->looks_taken = 30;
+    r->expected_looks = 80;
+    r->expected_weight = 0.25;
+    CHECK(fabs(sbl__map_seconds_left(&m) -
+               (0.75 * (SBL__MAP_TYPICAL * 20 * (double)SBL__BOUNCE_CAST * 2 / 1000 - 4 * SBL__MAP_SPENT) +
+                0.25 * 50 * 4 / 20)) < 1e-6, "after 20 looks in 4 s: %g", sbl__map_seconds_left(&m));
+    core.stats.seconds.bounce = 0;
+    CHECK(fabs(sbl__map_seconds_left(&m) - (0.75 * (SBL__MAP_LOOKS * 400 * 4 / 20 - 4 * SBL__MAP_SPENT) +
+                                            0.25 * 50 * 4 / 20)) < 1e-6, "without a store: %g",
+          sbl__map_seconds_left(&m));
+    core.stats.seconds.bounce = 2;
+    core.stats.seconds.gather = 1003;
+    CHECK(fabs(sbl__map_seconds_left(&m) -
+               (0.75 * SBL__MAP_LEAST * SBL__MAP_TYPICAL * 20 * (double)SBL__BOUNCE_CAST * 2 / 1000 +
+                0.25 * 50 * 1000 / 20)) < 1e-6, "after 20 looks in 1000 s: %g", sbl__map_seconds_left(&m));
+    r->expected_weight = 1;
+    r->look_count = 70;
+    CHECK(fabs(sbl__refine_looks_expected(r) - 100) < 1e-9, "%g looks are expected", sbl__refine_looks_expected(r));
+    r->look_count = 10;
+    CHECK(fabs(sbl__refine_looks_expected(r) - 80) < 1e-9, "%g looks are expected", sbl__refine_looks_expected(r));
+}
+
+/* Errors of R are compared with the mean of the picture: the one that is known, that of the last weighing, or an
+   estimate; it is never 0. */
+TEST(errors_are_relative_to_the_mean) {
+    static unsigned char albedos[4];
+    sbl__refine r;
+    memset(&r, 0, sizeof r);
+    r.shown_pixels = 10;
+    r.diffuse = 4;
+    r.specular = 2;
+    CHECK(fabs((double)sbl__weigh_shown2(&r) - 1) < 1e-6, "R alone: %g", (double)sbl__weigh_shown2(&r));
+    memcpy(&r.albedos, &(void *){ albedos }, sizeof r.albedos);
+    CHECK(fabs((double)sbl__weigh_shown2(&r) - 0.36) < 1e-6, "before weighing: %g", (double)sbl__weigh_shown2(&r));
+    r.sum[0] = r.sum[1] = r.sum[2] = 5;
+    r.shown_sum = 3.5;
+    CHECK(fabs((double)sbl__weigh_shown2(&r) - 0.36) < 1e-6, "not weighed: %g", (double)sbl__weigh_shown2(&r));
+    r.weighed = 1;
+    CHECK(fabs((double)sbl__weigh_shown2(&r) - 0.81) < 1e-5, "weighed: %g", (double)sbl__weigh_shown2(&r));
+    r.sum[0] = 0;
+    CHECK(fabs(sqrt((double)sbl__weigh_shown2(&r)) - (3.5 / (5 * (1 - 0.2126)) + 0.2)) < 1e-5, "without red: %g",
+          (double)sbl__weigh_shown2(&r));
+    r.luminance = 4;
+    r.mean_final = 2;
+    CHECK(fabs((double)sbl__weigh_shown2(&r) - 0.25) < 1e-6, "a known mean: %g", (double)sbl__weigh_shown2(&r));
+    r.mean_final = 1e-9f;
+    CHECK(fabs((double)sbl__weigh_shown2(&r) * 1e12 - 1) < 1e-5, "a black picture: %g", (double)sbl__weigh_shown2(&r));
+}
+
+/* Half the surface of the box around some of the bins of an axis, times the number of their triangles. */
+static double cost_of_bins(const sbl__bvh_split *s, int axis, int from, int to) {
+    double low[3] = { 1e30, 1e30, 1e30 }, size[3];
+    int i, k, count = 0;
+    for (k = 0; k < 3; k++) {
+        double high = -1e30;
+        for (i = from; i < to; i++) {
+            if (!s->counts[axis][i]) continue;
+            low[k] = SBL__MIN(low[k], (double)s->bins[axis][i].low[k]);
+            high = SBL__MAX(high, (double)s->bins[axis][i].high[k]);
+        }
+        size[k] = high - low[k];
+    }
+    for (i = from; i < to; i++) count += s->counts[axis][i];
+    return count ? count * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]) : 0;
+}
+
+/* The cheapest of all splits between bins is chosen. Splits without triangles on one side, and axes without extent, are
+   not considered. */
+TEST(the_cheapest_split_is_chosen) {
+    static sbl__bvh_building b;
+    sbl__bvh_split *s = &b.split;
+    uint32_t seed = 0;
+    int run, axis, bin, k;
+    for (run = 0; run < 200; run++) {
+        double best = 1e30;
+        const double chosen = run % 4 ? 0.5 : 0.1;  /* fraction of the bins that have triangles */
+        int splits = 0, counted[3] = { 0, 0, 0 };
+        for (axis = 0; axis < 3; axis++) {
+            s->scale[axis] = run % 5 == axis ? 0 : 1;
+            for (bin = 0; bin < SBL__BVH_BINS; bin++) {
+                s->bins[axis][bin] = sbl__box_empty;
+                s->counts[axis][bin] = 0;
+                if (bin != SBL__BVH_BINS / 2 && random_unit(&seed) > chosen) continue;
+                s->counts[axis][bin] = 1 + (int)(3 * random_unit(&seed));
+                counted[axis] += s->counts[axis][bin];
+                for (k = 0; k < 3; k++) {
+                    s->bins[axis][bin].low[k] = (float)(k == axis ? bin : random_unit(&seed));
+                    s->bins[axis][bin].high[k] = s->bins[axis][bin].low[k] + (float)(4 * random_unit(&seed));
+                }
+            }
+        }
+        /* all axes have the same triangles */
+        b.task.count = SBL__MAX(counted[0], SBL__MAX(counted[1], counted[2]));
+        for (axis = 0; axis < 3; axis++) s->counts[axis][SBL__BVH_BINS / 2] += b.task.count - counted[axis];
+        for (axis = 0; axis < 3; axis++)
+            for (bin = 1; bin < SBL__BVH_BINS && s->scale[axis] > 0; bin++) {
+                double costs[2];
+                for (k = 0; k < 2; k++)
+                    costs[k] = cost_of_bins(s, axis, k ? bin : 0, k ? SBL__BVH_BINS : bin);
+                if (!(costs[0] > 0) || !(costs[1] > 0)) continue;
+                splits++;
+                best = SBL__MIN(best, costs[0] + costs[1]);
+            }
+        s->axis = -1;
+        CHECK(sbl__bvh_choose(&b) == (splits ? SBL__BVH_MOVE : SBL__BVH_NODE), "run %d: %d splits", run, splits);
+        CHECK(splits ? s->axis >= 0 && s->axis < 3 && s->bin >= 0 && s->bin < SBL__BVH_BINS - 1 : s->axis < 0,
+              "run %d: axis %d, bin %d", run, s->axis, s->bin);
+        if (!splits || s->axis < 0) continue;
+        CHECK(s->scale[s->axis] > 0 && (cost_of_bins(s, s->axis, 0, s->bin + 1) +
+              cost_of_bins(s, s->axis, s->bin + 1, SBL__BVH_BINS)) / best < 1 + 1e-5, "run %d: the split costs %g, "
+              "the cheapest %g", run, cost_of_bins(s, s->axis, 0, s->bin + 1) +
+              cost_of_bins(s, s->axis, s->bin + 1, SBL__BVH_BINS), best);
+    }
+}
+
+/* The bits of the three coordinates of a lamp alternate in its position along the curve. Distant lamps have those of
+   their direction. The highest bits separate the kinds. */
+TEST(lamps_lie_along_a_curve) {
+    enum { POINT, SPOT, GLOW, DISTANT };
+    const double most = (1 << SBL__CURVE_BITS) - 1;
+    sbl__lamp_trees l;
+    uint32_t seed = 0;
+    int run, k, bit;
+    memset(&l, 0, sizeof l);
+    for (run = 0; run < 80; run++) {
+        sbl__lamp lamp;
+        uint64_t curve, expected = 0;
+        const int kind = run % 4;
+        memset(&lamp, 0, sizeof lamp);
+        l.side = run < 40 ? 8 : 0;
+        lamp.cone = kind == SPOT ? 1 : SBL__CONE_MOST;
+        lamp.distant = kind == DISTANT;
+        lamp.normal[run / 8 % 3] = run & 4 ? -1.0f : 1.0f;
+        if (kind == GLOW) lamp.code = (uint32_t)SBL__LAMP_GLOW << SBL__LAMP_KIND_SHIFT;
+        for (k = 0; k < 3; k++) {
+            const double at = kind == DISTANT ? 2 * random_unit(&seed) - 1 : 9 * random_unit(&seed);
+            double fraction;
+            uint64_t step;
+            l.low[k] = k;
+            lamp.bounds.low[k] = (float)(at - 0.25);
+            lamp.bounds.high[k] = (float)(at + 0.25);
+            fraction = ((double)lamp.bounds.low[k] + (double)lamp.bounds.high[k]) / 2;
+            fraction = kind == DISTANT ? (fraction + 2) / 4 : l.side > 0 ? (fraction - k) / 8 : 0;
+            step = (uint64_t)(most * (fraction < 0 ? 0 : fraction > 1 ? 1 : fraction));
+            for (bit = 0; bit < SBL__CURVE_BITS; bit++) expected += (step >> bit) % 2 << (3 * bit + k);
+        }
+        if (kind == SPOT) expected = expected / 4 + ((uint64_t)1 << 61) +
+            ((uint64_t)(2 * (run / 8 % 3) + (run >> 2 & 1)) << 58);
+        if (kind == GLOW) expected += (uint64_t)1 << 62;
+        if (kind == DISTANT) expected += (uint64_t)1 << 63;
+        curve = sbl__lamp_curve(&l, &lamp);
+        CHECK(curve == expected, "run %d: %.0f, expected %.0f", run, (double)curve, (double)expected);
+    }
+}
+
+/* The uniform part of a guide depends on the fraction of bins that are lit, and not on how much light they have. */
+TEST(even_guides_are_uniform) {
+    float densities[SBL__GUIDE_BINS];
+    int lit, i;
+    for (lit = 0; lit <= SBL__GUIDE_BINS; lit++) {
+        const double fraction = lit ? (double)lit / SBL__GUIDE_BINS : 1;
+        const double even = (fraction - SBL__GUIDE_DARK) / (SBL__GUIDE_LIT - SBL__GUIDE_DARK);
+        const double expected = SBL__GUIDE_UNIFORM + (1 - SBL__GUIDE_UNIFORM) * (even < 0 ? 0 : even > 1 ? 1 : even);
+        for (i = 0; i < SBL__GUIDE_BINS; i++) densities[i] = i < lit ? (lit % 2 ? 1e-3f : 50.0f) : 0;
+        CHECK(fabs(sbl__guide_uniform(densities) - expected) < 1e-5, "%d lit bins: %g, expected %g", lit,
+              sbl__guide_uniform(densities), expected);
+    }
+}
+
+/* The mean of a fraction of the pixels is compared with that of a sorted list, in which each pixel has the length 1. */
+TEST(meters_leave_pixels_out) {
+    static const double ranges[4][2] = { { 0, 1 }, { 0.05, 0.95 }, { 0.95, 1 }, { 0, 0.3 } };
+    static int bins[SBL__METER_BINS];
+    uint32_t seed = 0;
+    int i, k, n, run;
+    CHECK(sbl__meter_mean(bins, 0, 1) == -DBL_MAX, "no pixels have the mean %g", sbl__meter_mean(bins, 0, 1));
+    for (run = 0; run < 4; run++) {
+        const double *range = ranges[run];
+        double sum = 0, weight = 0;
+        int all = 0, at = 0;
+        for (i = 0; i < SBL__METER_BINS; i += 1 + (int)(300 * random_unit(&seed)))
+            all += bins[i] = 1 + (int)(5 * random_unit(&seed));
+        for (i = n = 0; i < SBL__METER_BINS; i++) n += bins[i];
+        for (all = n, i = 0; i < SBL__METER_BINS; i++)
+            for (k = 0; k < bins[i]; k++, at++) {
+                const double from = test_max(at, range[0] * all), to = test_min(at + 1, range[1] * all);
+                if (to > from) weight += to - from;
+                if (to > from) sum += (to - from) * (-64 + SBL__METER_STEP * i + SBL__METER_STEP / 2);
+            }
+        CHECK(fabs(sbl__meter_mean(bins, range[0], range[1]) - sum / weight) < 1e-9, "run %d: %g, expected %g", run,
+              sbl__meter_mean(bins, range[0], range[1]), sum / weight);
+    }
+}
+
+/* A camera knows its position, and the distances of the scene along its view, with a thousandth of the scene's extent
+   added on each side. */
+TEST(cameras_enclose_the_scene) {
+    static const double eye[3] = { 12, -3, 5 }, centre[3] = { 2, 4, -1 }, to[3] = { 1, 2, 2.5 };
+    sbl_picture_desc desc;
+    sbl__geometry g;
+    sbl__window window;
+    sbl__camera c;
+    double forward[3], from = 1e30, until = -1e30, off = 0;
+    int i, k;
+    memset(&desc, 0, sizeof desc);
+    memset(&g, 0, sizeof g);
+    memset(&window, 0, sizeof window);
+    desc.width = window.size[0] = window.whole[0] = 8;
+    desc.height = window.size[1] = window.whole[1] = 6;
+    desc.facet_limit = -1;
+    sbl_perspective(desc.view_to_clip, 60, 8 / 6.0f);
+    REQUIRE(sbl_look_at(desc.world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1],
+                        (float)to[2], 0, 1, 0), "no view");
+    g.extent = 20;
+    for (k = 0; k < 3; k++) {
+        g.centre[k] = (float)centre[k];
+        g.bounds[0][k] = (float)(-3 - k);
+        g.bounds[1][k] = (float)(2 + 2 * k);
+        forward[k] = to[k] - eye[k];
+    }
+    sbl__normalize(forward);
+    for (i = 0; i < 8; i++) {
+        double along = 0;
+        for (k = 0; k < 3; k++) along += forward[k] * ((double)g.bounds[i >> k & 1][k] + centre[k] - eye[k]);
+        from = test_min(from, along);
+        until = test_max(until, along);
+    }
+    sbl__camera_make(&c, &desc, &window, &g);
+    for (k = 0; k < 3; k++) off += fabs(c.eye[k] + centre[k] - eye[k]);
+    CHECK(off < 1e-4, "the eye is off by %g", off);
+    CHECK(fabs((double)c.nearest - from + 0.02) < 2e-4 && fabs((double)c.farthest - until - 0.02) < 2e-4,
+          "the scene lies from %g to %g, expected %g to %g", (double)c.nearest, (double)c.farthest, from, until);
+    CHECK(!c.orthographic && c.facet_limit >= 0, "orthographic %d, limit %g", c.orthographic, (double)c.facet_limit);
+}
+
+/* Lights, triangles of meshes that emit on their front, and bright pixels of the sky may become lamps. */
+TEST(lamps_are_limited) {
+    enum { MESHES = 3 };
+    static float pixels[4 * 6];
+    sbl__object objects[MESHES];
+    sbl__mesh meshes[MESHES];
+    sbl__environment e;
+    sbl__geometry g;
+    int i;
+    memset(objects, 0, sizeof objects);
+    memset(meshes, 0, sizeof meshes);
+    memset(&e, 0, sizeof e);
+    memset(&g, 0, sizeof g);
+    g.objects = objects;
+    g.meshes = meshes;
+    g.mesh_count = MESHES;
+    for (i = 0; i < MESHES; i++) meshes[i].triangle_count = 1 + 10 * i;
+    objects[1].emission[2] = 0.5f;
+    objects[2].emission[0] = 0.5f;
+    objects[2].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    CHECK(fabs(sbl__lamps_most(&g, &e, 5) - (5 + 11 + 21)) < 1e-9, "%g lamps", sbl__lamps_most(&g, &e, 5));
+    e.pixels = pixels;
+    e.width = 3;
+    e.height = 2;
+    e.limit = 7;
+    pixels[4 * 5 + 1] = 8;
+    pixels[2] = 9;
+    pixels[4 + 3] = 10;  /* the fourth float is no light */
+    pixels[8] = 7;
+    CHECK(fabs(sbl__lamps_most(&g, &e, 5) - (5 + 11 + 21 + 2)) < 1e-9, "%g lamps with a sky",
+          sbl__lamps_most(&g, &e, 5));
+}
+
+/* Invalid presets get the values of the default, until the checks refuse them. */
+TEST(invalid_presets_are_the_default) {
+    int preset;
+    for (preset = -2; preset < SBL_PRESET_COUNT + 2; preset++) {
+        sbl_options options;
+        memset(&options, 0, sizeof options);
+        options.preset = (sbl_preset)preset;
+        CHECK(sbl__preset_of(&options) == (preset < 0 || preset >= SBL_PRESET_COUNT ? SBL_PRESET_DEFAULT : preset),
+              "preset %d is %d", preset, sbl__preset_of(&options));
+    }
+}
+
+/* Positions in a texel fill the part of its square that triangles cover. Only a position close to an edge of its
+   triangle moves, and at most by SBL__ATLAS_INSET. */
+TEST(positions_fill_texels) {
+    static const double corners[2][3][2] = { { { 0, 0 }, { 4, 0 }, { 0, 4 } }, { { 6, 5 }, { 4.5, 0 }, { 6, 0 } } };
+    sbl__atlas_square s;
+    int i, k, n, none = 0, moved = 0;
+    memset(&s, 0, sizeof s);
+    s.count = 2;
+    for (n = 0; n < 2; n++) {
+        const double (*c)[2] = corners[n];
+        memcpy(s.triangles[n].corners, c, sizeof corners[n]);
+        s.triangles[n].number = 7 + (uint32_t)n;
+        s.triangles[n].twice_area = (c[1][0] - c[0][0]) * (c[2][1] - c[0][1]) -
+                                    (c[2][0] - c[0][0]) * (c[1][1] - c[0][1]);
+    }
+    s.low[0] = 1;
+    s.low[1] = 0.5;
+    s.high[0] = 5.75;
+    s.high[1] = 3;
+    for (i = 0; i < 3000; i++) {
+        double u[2], at[2], weights[3], edge[3], least[2] = { 1e30, 1e30 }, off = 0;
+        const uint32_t found = sbl__atlas_locate(&s, i, weights);
+        sbl__r2(i, u);
+        for (k = 0; k < 2; k++) at[k] = s.low[k] + u[k] * (s.high[k] - s.low[k]);
+        for (n = 0; n < 2; n++)
+            for (k = 0; k < 3; k++) {
+                const double *p = corners[n][k], *q = corners[n][(k + 1) % 3];
+                edge[k] = (q[0] - p[0]) * (at[1] - p[1]) - (q[1] - p[1]) * (at[0] - p[0]);
+                least[n] = test_min(least[n], s.triangles[n].twice_area < 0 ? -edge[k] : edge[k]);
+            }
+        n = least[0] >= 0 ? 0 : least[1] >= 0 ? 1 : -1;
+        CHECK(found == (n < 0 ? SBL__NONE : 7 + (uint32_t)n), "position %d is in triangle %u", i, found);
+        none += n < 0;
+        if (n < 0 || found == SBL__NONE) continue;
+        for (k = 0; k < 2; k++) {
+            const double is = weights[0] * corners[n][0][k] + weights[1] * corners[n][1][k] +
+                              weights[2] * corners[n][2][k];
+            off += (is - at[k]) * (is - at[k]);
+        }
+        CHECK(sqrt(off) <= SBL__ATLAS_INSET * 1.000001, "position %d is off by %g", i, sqrt(off));
+        moved += off > 1e-20;
+        CHECK(!(off > 1e-20) || least[n] < 0.05 * fabs(s.triangles[n].twice_area), "position %d moves", i);
+    }
+    CHECK(none > 1000 && none < 2000 && moved > 3 && moved < 100, "%d outside, %d moved", none, moved);
+}
+
+/* What is freed is zero, so that it can be made again or freed again. */
+TEST(what_is_freed_is_zero) {
+    static sbl__device d;
+#define FREED(type, field, owner, free)                                                                            \
+    {                                                                                                              \
+        static type x;                                                                                             \
+        const unsigned char *bytes = (const unsigned char *)&x;                                                    \
+        size_t i, wrong = 0;                                                                                       \
+        x.field = 1;                                                                                               \
+        free(owner, &x);                                                                                           \
+        for (i = 0; i < sizeof x; i++) wrong += bytes[i] != 0;                                                     \
+        CHECK(!wrong, #free " leaves %d bytes", (int)wrong);                                                       \
+    }
+    d.base = &base;
+    FREED(sbl__rings, width, &base, sbl__rings_free)
+    FREED(sbl__solver, count, &base, sbl__solver_free)
+    FREED(sbl__atlas, width, &base, sbl__atlas_free)
+    FREED(sbl__fill, row, &base, sbl__fill_free)
+    FREED(sbl__gutters, size[0], &base, sbl__gutters_free)
+    FREED(sbl__seams, seams, &base, sbl__seams_free)
+    FREED(sbl__geometry, mesh_count, &d, sbl__geometry_free)
+    FREED(sbl__environment, width, &d, sbl__environment_free)
+    FREED(sbl__hierarchy, triangle_count, &d, sbl__hierarchy_free)
+    FREED(sbl__lamps, light_count, &d, sbl__lamps_free)
+    FREED(sbl__store, max_leaves, &d, sbl__store_free)
+    FREED(sbl__guides, columns, &d, sbl__guides_free)
+    FREED(sbl__job, look_end, &d, sbl__job_free)
+    FREED(sbl__refine, width, &d, sbl__refine_free)
+#undef FREED
+    CHECK(base.memory.host_bytes == 0 && base.memory.gpu_bytes == 0, "memory is counted");
+}
+
+/* A host that sets the number of rays gets every ray, even if it sets 1. */
+TEST(given_rays_are_all_traced) {
+    static sbl__core core;
+    sbl_readings_desc d;
+    sbl__measurement m;
+    int rays;
+    memset(&d, 0, sizeof d);
+    for (rays = 0; rays < 3; rays++) {
+        d.options.rays = rays;
+        sbl__gathering_check(&core, &d, &m);
+        CHECK(m.every_ray == (rays > 0), "%d rays: every_ray is %d", rays, m.every_ray);
+    }
+    sbl__gathering_check(&core, NULL, &m);
+    CHECK(!m.every_ray, "every ray is traced by default");
+}
+
+/* Before the stage that measures sites, none is measured; after it, all. At its start, the job of earlier sites does
+   not count. */
+TEST(sites_are_measured_in_their_stage) {
+    static sbl__core core;
+    sbl__work w;
+    int stage;
+    memset(&w, 0, sizeof w);
+    w.core = &core;
+    w.task.site_count = 40;
+    core.job.stages.stage = SBL__JOB_DRAW;
+    core.job.look_end = 8;
+    core.job.drawn = 2;
+    core.job.look_kind = SBL__LOOK_STUCK - 1;
+    for (stage = 0; stage < 6; stage++) {
+        w.stages.stage = stage / 2 + 2;
+        w.stages.at = stage % 2;
+        CHECK(fabs(sbl__work_measured(&w, 3) - (stage < 2 ? 0 : stage > 3 ? 40 : stage == 3 ? 10 : 0)) < 1e-6,
+              "stage %d at %d: %g sites", w.stages.stage, w.stages.at, sbl__work_measured(&w, 3));
+    }
+}
+
+/* A hinge has the weight of the smaller of its two triangles. */
+TEST(hinges_weigh_as_the_smaller_triangle) {
+    static const float areas[2][2] = { { 0.5f, 2 }, { 8, 2 } };
+    static sbl__vertices s;
+    static float sums[2 * SBL__VERTICES_SUMS];
+    uint32_t corners[6] = { 0, 1, 2, 3, 2, 1 };
+    double diagonal[12];
+    int run, i, k;
+    s.sums = sums;
+    s.corners = corners;
+    s.solver.diagonal = diagonal;
+    s.desc.smoothing = 9;
+    for (run = 0; run < 2; run++) {
+        sbl__hinge h = { { 1, 4 }, { 1, 2, -3, -1 } };
+        const double scale2 = 9 * (run ? 2 : 0.5);
+        size_t at[4];
+        s.hinges = &h;
+        for (i = 0; i < 12; i++) diagonal[i] = 100;
+        for (i = 0; i < 2; i++) sums[SBL__VERTICES_SUMS * i + 6] = areas[run][i];
+        sbl__hinge_unknowns(&s, &h, at);
+        CHECK(sbl__vertices_bend(&s, 0) == SBL_SUCCESS, "the hinge is refused");
+        for (i = 0; i < 4; i++) {
+            const double weight = i == 0 ? 1 : i == 1 ? 2 : i == 2 ? -3 : -1;
+            CHECK(fabs((double)h.weights[i] - weight * sqrt(scale2)) < 1e-5, "run %d: weight %d is %g", run, i,
+                  (double)h.weights[i]);
+            for (k = 0; k < 3; k++)
+                CHECK(fabs(diagonal[3 * at[i] + (size_t)k] - 100 - weight * weight * scale2) < 1e-4,
+                      "run %d: unknown %d has the weight %g", run, (int)at[i], diagonal[3 * at[i] + (size_t)k]);
+        }
+    }
+}
+
+/* A developed picture is complete. Its light is deleted, unless further layers need it. */
+TEST(developed_light_is_deleted) {
+    static sbl__core core;
+    static sbl__map m;
+    int layers;
+    core.base = base;
+    core.device.base = &core.base;
+    m.work.core = &core;
+    for (layers = 0; layers < 2; layers++) {
+        m.developed = 0;
+        m.spec.directional = layers;
+        m.layers[0].light.bytes = core.base.memory.gpu_bytes = 64;
+        CHECK(sbl__map_after_develop(&m) == SBL__MAP_END && m.developed, "the picture is not developed");
+        CHECK(core.base.memory.gpu_bytes == (layers ? 64 : 0), "%d bytes of light", (int)core.base.memory.gpu_bytes);
+    }
+}
+
+/* Up to SBL__SEAM_CHAIN edges with the same ends are kept, so that many equal edges take no longer than a few. */
+TEST(chains_of_edges_end) {
+    enum { TRIANGLES = SBL__SEAM_CHAIN + 4 };
+    static unsigned char baked[1] = { 1 };
+    static float map[6];
+    sbl__vertex vertices[3];
+    uint32_t indices[3 * TRIANGLES], kept[3] = { 0, 0, 0 }, slot;
+    sbl__geometry g;
+    sbl__atlas atlas;
+    sbl__seams s;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&atlas, 0, sizeof atlas);
+    memset(&s, 0, sizeof s);
+    for (i = 0; i < 3; i++) vertices[i].position[i] = 1;
+    for (i = 0; i < 3 * TRIANGLES; i++) indices[i] = (uint32_t)i % 3;
+    g.vertices = vertices;
+    g.indices = indices;
+    g.lightmap_texcoords = map;
+    g.triangle_count = TRIANGLES;
+    atlas.geometry = &g;
+    atlas.baked = baked;
+    s.atlas = &atlas;
+    REQUIRE(sbl__hash_table_make(&base, &s.edges, 3 * TRIANGLES) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 3 * TRIANGLES; i++) CHECK(sbl__seams_edge(&s, i) == SBL_SUCCESS, "edge %d", i);
+    for (slot = 0; slot <= s.edges.mask; slot++) if (s.edges.buckets[slot]) kept[(s.edges.buckets[slot] - 1) % 3]++;
+    for (i = 0; i < 3; i++) CHECK(kept[i] == SBL__SEAM_CHAIN, "%u edges are kept", kept[i]);
+    sbl__hash_table_free(&base, &s.edges);
+}
+
+/* Every array of a map that is joined must be finite: ids, R and all groups or harmonics. */
+TEST(joined_arrays_must_be_finite) {
+    enum { WIDTH = 3, ROW = 1, LAYERS = SBL__LAYERS - 1 };
+    static float ids[2 * WIDTH], light[LAYERS + 1][6 * WIDTH];
+    static sbl__joining j;
+    static sbl__core core;
+    int grouped, layer;
+    j.work.core = &core;
+    core.scene.light_groups = LAYERS;
+    j.desc.lightmap.width = WIDTH;
+    j.desc.lightmap.height = 2;
+    j.desc.ids = ids;
+    for (grouped = 0; grouped < 2; grouped++) {
+        j.desc.lightmap.grouped = grouped;
+        j.desc.lightmap.directional = !grouped;
+        for (layer = 0; layer <= LAYERS; layer++) j.desc.light[layer] = grouped && layer ? NULL : light[layer];
+        for (layer = 0; layer < LAYERS; layer++) j.desc.groups[layer] = light[layer + 1];
+        CHECK(sbl__joining_check_texels(&j, ROW) == SBL_SUCCESS, "finite arrays are refused");
+        for (layer = -1; layer <= LAYERS; layer++) {
+            float *bad = layer < 0 ? &ids[2 * WIDTH - 1] : &light[layer][6 * WIDTH - 1];
+            *bad = (float)HUGE_VAL;
+            CHECK(sbl__joining_check_texels(&j, ROW) == SBL_ERROR_INVALID_ARGUMENT, "layer %d is not checked", layer);
+            CHECK(sbl__joining_check_texels(&j, 0) == SBL_SUCCESS, "layer %d: another row is checked", layer);
+            *bad = 0;
+        }
+    }
+}
+
+/* Abandoned work leaves no job. */
+TEST(abandoned_jobs_are_freed) {
+    static sbl_context c;
+    c.core.base = base;
+    c.core.device.base = &c.core.base;
+    c.core.job.looks = (sbl__look *)sbl__alloc(&c.core.base, 1, sizeof(sbl__look));
+    sbl__abandon(&c);
+    CHECK(!c.core.job.looks && c.core.base.memory.host_bytes == 0, "%d bytes are left",
+          (int)c.core.base.memory.host_bytes);
+}
+
+/* A triangle joins the patch of one beside it, unless the edge between them is sharp. Triangles that only touch at a
+   corner stay apart. */
+TEST(smooth_triangles_are_one_patch) {
+    static const float at[8][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 0, 1, 0 }, { 1, 1, 0 }, { 0, 0, 1 }, { -1, 0, 0 },
+                                    { 0, -1, 0 }, { 2, 1, 0.1f } };
+    static const uint32_t expected[5] = { 0, 0, 2, 3, 0 };
+    uint32_t indices[15] = { 0, 1, 2, 1, 3, 2, 0, 4, 2, 0, 5, 6, 1, 7, 3 };
+    uint32_t welded[8], corners[15], parents[5], i;
+    sbl__vertex vertices[8];
+    sbl__patching p;
+    sbl__geometry g;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&p, 0, sizeof p);
+    for (i = 0; i < 8; i++) memcpy(vertices[i].position, at[i], sizeof at[i]);
+    for (i = 0; i < 8; i++) welded[i] = i;
+    for (i = 0; i < 5; i++) parents[i] = i;
+    g.vertices = vertices;
+    g.indices = indices;
+    p.geometry = &g;
+    p.welded = welded;
+    p.corners = corners;
+    p.parents = parents;
+    REQUIRE(sbl__hash_table_make(&base, &p.ends, 15) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 5; i++) CHECK(sbl__patch_join(&p, (int)i) == SBL_SUCCESS, "triangle %u", i);
+    for (i = 0; i < 5; i++)
+        CHECK(sbl__root(parents, i) == expected[i], "triangle %u is in patch %u", i, sbl__root(parents, i));
+    sbl__hash_table_free(&base, &p.ends);
+}
+
+static char logged[512];
+
+static void keep_message(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)level; (void)item; (void)user;
+    snprintf(logged, sizeof logged, "%s", message);
+}
+
+/* The message about the budget tells in MB what is needed and what is left, and the size of a picture that fits. */
+TEST(what_fits_is_told_in_megabytes) {
+    sbl__base budgeted = base;
+    sbl__need need = { { 1e6, 2e6 }, { 10, 100 }, 3e6 };
+    budgeted.logger.log = keep_message;
+    budgeted.memory.host_bytes = 1000000;
+    budgeted.memory.gpu_bytes = 2000000;
+    budgeted.budget = 305000000;
+    logged[0] = 0;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_SUCCESS && !logged[0], "302 MB do not fit: %s", logged);
+    budgeted.budget--;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_ERROR_OUT_OF_MEMORY, "302 MB fit");
+    CHECK(strstr(logged, "about 302 MB are needed") && strstr(logged, "leaves 302 MB") &&
+              strstr(logged, "1732 x 1732 pixels"), "%s", logged);
+    budgeted.budget = 2000000;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_ERROR_OUT_OF_MEMORY &&
+              strstr(logged, "leaves 0 MB, enough for 0 x 0"), "%s", logged);
+    budgeted.budget = 0;
+    CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_SUCCESS, "there is a limit without a budget");
+}
+
+/* The state of the corners of a tile: the fewest looks of usable sensors, new sensors, and unread ones. */
+TEST(corners_of_a_tile_are_summed_up) {
+    static const int looks[4] = { 5, 3, 1, 4 };
+    sbl__pixel pixels[4];
+    sbl__sensor sensors[5], *block = sensors;
+    sbl__corners all;
+    sbl__tile tile;
+    sbl__refine r;
+    int i;
+    memset(pixels, 0, sizeof pixels);
+    memset(sensors, 0, sizeof sensors);
+    memset(&tile, 0, sizeof tile);
+    small_refine(&r, pixels, &block, 2);
+    r.rounds = 7;
+    tile.area.x[1] = tile.area.y[1] = 1;
+    all = sbl__tile_corners(&r, &tile);
+    CHECK(!all.looks && !all.is_new && !all.unread, "%d looks without sensors", all.looks);
+    for (i = 0; i < 4; i++) {
+        sbl__sensor *s = &sensors[i + 1];
+        pixels[i].sensor = (uint32_t)i + 1;
+        pixels[i].id = 1;
+        s->sensed = 1;
+        s->invalid = i == 2;
+        s->looks = (unsigned short)looks[i];
+        s->round = 5;
+    }
+    all = sbl__tile_corners(&r, &tile);
+    CHECK(all.looks == 3 && !all.is_new && !all.unread, "%d looks, new %d, unread %d", all.looks, all.is_new,
+          all.unread);
+    for (i = 1; i <= 4; i++) {
+        sensors[i].round = 6;
+        sensors[i].sensed = 0;
+        all = sbl__tile_corners(&r, &tile);
+        CHECK(all.is_new && all.unread, "corner %d: new %d, unread %d", i - 1, all.is_new, all.unread);
+        sensors[i].round = 5;
+        sensors[i].sensed = 1;
+    }
+}
+
+/* After the light of glows, all leaves have positive red again, and those whose bright leaf is gone are ordinary. */
+TEST(leaves_are_positive_after_glows) {
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl__bounce_leaf states[2];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    sbl__bounce_point points[1];
+    int i;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    set_leaves(&b, &store, leaves, states);
+    b.core = &core;
+    b.points = points;
+    b.glows = SBL__GLOWS_EVERYWHERE;
+    for (i = 0; i < 2; i++) {
+        states[i].bright = SBL__BRIGHT;
+        leaves[i].light[0] = (float)(-3 - i);
+    }
+    CHECK(sbl__bright_after_glow(&b) == SBL__BOUNCE_NOISE && b.glows == SBL__GLOWS_NOWHERE, "there are glows");
+    for (i = 0; i < 2; i++)
+        CHECK(!states[i].bright && fabs((double)leaves[i].light[0] - 3 - i) < 1e-6, "leaf %d: red %g, bright %d", i,
+              (double)leaves[i].light[0], states[i].bright);
+}
+
+/* A touched texel is refused beside a hidden texel of the same surface, in any of eight directions, whichever is read
+   first. Texels farther away, and those of other surfaces, do not matter. */
+TEST(touched_texels_beside_hidden_ones_are_refused) {
+    enum { SIDE = 5, MIDDLE = 12 };
+    static sbl__core core;
+    static sbl__atlas atlas;
+    sbl__pixel pixels[SIDE * SIDE];
+    sbl__sensor sensors[SIDE * SIDE + 1], *block = sensors;
+    int other, order, i;
+    core.base = base;
+    for (other = 0; other < SIDE * SIDE; other++)
+        for (order = 0; order < 4; order++) {  /* bit 0: the hidden texel is read last; bit 1: another surface */
+            const int beside = abs(other % SIDE - 2) <= 1 && abs(other / SIDE - 2) <= 1 && other != MIDDLE;
+            const int touched = order & 1 ? other : MIDDLE, hidden = order & 1 ? MIDDLE : other;
+            sbl_reading reading;
+            sbl__spec spec;
+            sbl__refine r;
+            if (other == MIDDLE) continue;
+            memset(pixels, 0, sizeof pixels);
+            memset(sensors, 0, sizeof sensors);
+            memset(&reading, 0, sizeof reading);
+            memset(&spec, 0, sizeof spec);
+            small_refine(&r, pixels, &block, SIDE);
+            r.core = &core;
+            r.atlas = &atlas;
+            r.spec = &spec;
+            spec.traced = 1;
+            r.distance_limit = 1;
+            for (i = 0; i < SIDE * SIDE; i++) {
+                pixels[i].id = order & 2 && i == other ? 2 : 1;
+                pixels[i].sensor = (uint32_t)i + 1;
+            }
+            sensors[other + 1].occlusion = order & 1 ? SBL__TOUCHED : SBL__HIDDEN;
+            reading.valid = 1;
+            reading.hit_min = 0.5f * SBL__HIDDEN_TOUCH;
+            reading.hit_mean = 0.5f * SBL__HIDDEN_CLOSE;
+            reading.hit_share = order & 1 ? 1 : 0.01f;
+            CHECK(sbl__places_validate(&r, MIDDLE, &reading) == SBL_SUCCESS &&
+                      sensors[MIDDLE + 1].occlusion == (order & 1 ? SBL__HIDDEN : SBL__TOUCHED), "occlusion %d",
+                  sensors[MIDDLE + 1].occlusion);
+            CHECK(sensors[touched + 1].invalid == (beside && !(order & 2)), "touched texel %d, hidden texel %d: "
+                  "invalid %d", touched, hidden, sensors[touched + 1].invalid);
+            sbl__free(&core.base, r.searched);
+        }
+}
+
+/* A new grid of cells begins without hits, points, cuts and black leaves. Small cells keep a pool above 1. */
+TEST(grids_begin_empty) {
+    static sbl__bounce b;
+    b.patching.growth = 2;
+    b.patching.pool = 1.5;
+    b.samples_due = b.samples.count = b.waiting.count = b.point_count = b.cut_leaves = b.points_cast = 5;
+    b.recheck = b.rechecking = b.samples_assigned = b.black_leaves = 5;
+    b.needed_growth = 3;
+    CHECK(sbl__cells_restart(&b, 0.5) == SBL__BOUNCE_GRID && fabs(b.patching.growth - 1) < 1e-9 &&
+              fabs(b.patching.pool - 1.5) < 1e-9, "growth %g, pool %g", b.patching.growth, b.patching.pool);
+    CHECK(!b.samples_due && !(b.needed_growth > 0) && !b.samples.count && !b.waiting.count && !b.point_count &&
+              !b.cut_leaves && !b.points_cast && !b.recheck && !b.rechecking && !b.samples_assigned && !b.black_leaves,
+          "the new grid is not empty");
+    sbl__cells_restart(&b, 3);
+    CHECK(fabs(b.patching.growth - 3) < 1e-9 && fabs(b.patching.pool - 4.5) < 1e-9, "growth %g, pool %g",
+          b.patching.growth, b.patching.pool);
+}
+
+/* Jobs have room for all sites, but for no more than SBL__WORK_SITES. */
+TEST(jobs_have_room_for_their_sites) {
+    static sbl__core core;
+    sbl__work w;
+    int i;
+    core.base = base;
+    core.device.base = &core.base;
+    for (i = 0; i < 4; i++) {
+        const double count = i < 2 ? 3 : 1e12, sites = i < 2 ? 3 : SBL__WORK_SITES;
+        memset(&w, 0, sizeof w);
+        w.core = &core;
+        REQUIRE(sbl__work_make_task(&w, count, i & 1) == SBL_SUCCESS, "no memory");
+        CHECK(fabs((double)core.base.memory.host_bytes - sites * (double)(sizeof *w.sites + (i & 1 ? sizeof *w.readings
+              : 0))) < 0.5, "%.0f sites have %.0f bytes", sites, (double)core.base.memory.host_bytes);
+        sbl__work_free_task(&w);
+        CHECK(core.base.memory.host_bytes == 0 && !w.sites && !w.readings, "sites are left");
+    }
+}
+
+/* The score of a leaf is the weight of its rays times the variance of the light in its region, relative to the mean
+   square of all light. Few hits, or even light, give no score. */
+TEST(uneven_light_has_a_score) {
+    static sbl__bounce b;
+    sbl__region region = { 4, 12, 44 };  /* mean 3, mean square 11, variance 2 */
+    sbl__leaf_moments moments[1];
+    sbl__bounce_leaf states[2];
+    sbl__bounce_point points[1];
+    static sbl__division d;
+    sbl__leaf leaves[2];
+    sbl__store store;
+    uint32_t patches[1] = { 0 };
+    int i, k, counted = 0;
+    memset(states, 0, sizeof states);
+    memset(points, 0, sizeof points);
+    set_leaves(&b, &store, leaves, states);
+    store.patches = patches;
+    store.cell_capacity = 1;
+    store.length = 1;
+    b.points = points;
+    b.division = &d;
+    d.moments = moments;
+    d.regions = &region;
+    d.all.points = 100;
+    d.all.squares = 50;
+    for (k = 0; k < 3; k++) leaves[0].light[k] = 7;
+    for (i = 0; i < 4; i++) {  /* a score; few hits; even light; no valid point */
+        d.light = d.variance = 0;
+        memset(moments, 0, sizeof moments);
+        moments[0].hits = i == 1 ? 0.5 * SBL__DIVIDE_HITS : 2.0 * SBL__DIVIDE_HITS;
+        moments[0].weight = 5;
+        states[0].valid = i == 3 ? 0 : 3;
+        if (i == 2) region.squares = 36;
+        CHECK(sbl__division_score(&b, 0) == SBL_SUCCESS && fabs(moments[0].score - (i ? 0 : 5 * 2 * 100 / 50.0)) <
+                  1e-9, "case %d has the score %g", i, moments[0].score);
+        CHECK(fabs(d.variance - (i < 2 ? moments[0].hits * 5 * 2 / 3 : 0)) < 1e-9 &&
+                  fabs(d.light - (i < 3 ? 7 * sqrt(5 * moments[0].hits) : 0)) < 1e-4, "case %d: variance %g, light %g",
+              i, d.variance, d.light);
+    }
+    for (i = 0; i < SBL__SCORES; i++) counted += d.classes[i];
+    CHECK(counted == 1 && d.classes[sbl__score_class(20)] == 1, "%d leaves are in classes", counted);
+}
+
+/* Narrow triangles are marked at a sharp edge and, in later rounds, beside marked ones. */
+TEST(narrow_triangles_are_marked) {
+    static const float at[6][3] = { { 0, 0, 0 }, { 0, 1, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 1, 0, 1 }, { 1, 1, 1 } };
+    static const uint32_t edges[4][3] = {  /* per side: the triangle beside it */
+        { SBL__NONE, 1, SBL__NONE }, { SBL__NONE, 2, 0 }, { SBL__NONE, 3, 1 }, { SBL__NONE, SBL__NONE, 2 }
+    };
+    uint32_t indices[12] = { 0, 2, 1, 1, 2, 3, 3, 2, 4, 3, 4, 5 }, beside[12];
+    unsigned char marks[4];
+    sbl__vertex vertices[6];
+    sbl__geometry g;
+    sbl__atlas a;
+    int i, narrow;
+    memset(vertices, 0, sizeof vertices);
+    memset(&g, 0, sizeof g);
+    memset(&a, 0, sizeof a);
+    for (i = 0; i < 6; i++) memcpy(vertices[i].position, at[i], sizeof at[i]);
+    for (i = 0; i < 12; i++) beside[i] = SBL__NONE;
+    for (i = 0; i < 4; i++) memcpy(beside + 3 * i, edges[i], sizeof edges[i]);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.triangle_count = 4;
+    a.geometry = &g;
+    a.marks = marks;
+    a.beside = beside;
+    a.world_area = 18;
+    a.area = 2;
+    a.across = 2;  /* a texel is 6 wide */
+    for (narrow = 0; narrow < 2; narrow++) {
+        memset(marks, 0, sizeof marks);
+        a.facet_limit = narrow ? 0.09f : 0.05f;  /* the heights above the shared sides are 0.7 and 1 */
+        for (i = 0; i < 4; i++) CHECK(sbl__atlas_mark_sharp(&a, i) == SBL_SUCCESS, "triangle %d", i);
+        for (i = 0; i < 4; i++)
+            CHECK(marks[i] == (narrow && (i == 1 || i == 2)), "narrow %d: triangle %d has the mark %d", narrow, i,
+                  marks[i]);
+        for (i = 0; i < 4; i++) CHECK(sbl__atlas_mark_neighbours(&a, i) == SBL_SUCCESS, "triangle %d", i);
+        for (i = 0; i < 4; i++)
+            CHECK(marks[i] == (!narrow ? 0 : i == 1 || i == 2 ? 1 : 2), "narrow %d: triangle %d has the mark %d",
+                  narrow, i, marks[i]);
+    }
+}
+
+/* Two fans of three triangles have two hinges each. The first lies along the diagonal of a square. */
+TEST(meshes_have_their_own_hinges) {
+    static const float at[5][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 0, 1, 0 }, { -1, 1, 0 } };
+    static const double expected[4] = { 0.5, 0.5, -0.5, -0.5 };
+    static sbl__core core;
+    static sbl__vertices s;
+    sbl__baked_mesh meshes[2];
+    sbl__vertex vertices[10];
+    uint32_t corners[18] = { 0, 1, 2, 0, 2, 3, 0, 3, 4, 5, 6, 7, 5, 7, 8, 5, 8, 9 }, unknowns[10];
+    float areas[6] = { 1, 1, 1, 1, 1, 1 };
+    int i, k;
+    core.base = base;
+    core.scene.geometry.vertices = vertices;
+    memset(meshes, 0, sizeof meshes);
+    memset(vertices, 0, sizeof vertices);
+    for (i = 0; i < 10; i++) memcpy(vertices[i].position, at[i % 5], sizeof at[0]);
+    for (i = 0; i < 10; i++) unknowns[i] = (uint32_t)i;
+    for (i = 0; i < 2; i++) {
+        meshes[i].first_vertex = 5 * i;
+        meshes[i].first_triangle = 3 * i;
+        meshes[i].triangle_count = 3;
+        meshes[i].vertex_count = 5;
+        meshes[i].area = 3;
+        meshes[i].first_hinge = 99;
+    }
+    s.work.core = &core;
+    s.meshes = meshes;
+    s.mesh_count = 2;
+    s.corners = corners;
+    s.unknowns = unknowns;
+    s.areas = areas;
+    s.desc.samples = 16;
+    s.desc.smoothing = 1;
+    REQUIRE(sbl__hash_table_make(&core.base, &s.ends, 18) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 6; i++) CHECK(sbl__vertices_sides(&s, i) == SBL_SUCCESS, "triangle %d", i);
+    CHECK(s.hinge_count == 4 && s.points == 6 * 16, "%d hinges, %d points", s.hinge_count, (int)s.points);
+    for (i = 0; i < 2; i++) {
+        CHECK(meshes[i].first_hinge == 2 * i && meshes[i].hinge_count == 2, "mesh %d: %d hinges from %d on", i,
+              meshes[i].hinge_count, meshes[i].first_hinge);
+        for (k = 0; k < 4 && 2 * i < s.hinge_count; k++)
+            CHECK(fabs((double)s.hinges[2 * i].weights[k] - expected[k]) < 1e-6, "mesh %d: weight %d is %g", i, k,
+                  (double)s.hinges[2 * i].weights[k]);
+    }
+    sbl__free(&core.base, s.hinges);
+    sbl__hash_table_free(&core.base, &s.ends);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -2453,5 +3379,35 @@ int main(void) {
     RUN(air_has_the_mean_of_valid_sites);
     RUN(sides_have_their_own_groups);
     RUN(grazing_normals_are_bent);
+    RUN(random_groups_have_their_least_number);
+    RUN(parts_of_texels_are_squares);
+    RUN(the_rest_of_the_time_is_estimated);
+    RUN(errors_are_relative_to_the_mean);
+    RUN(the_cheapest_split_is_chosen);
+    RUN(lamps_lie_along_a_curve);
+    RUN(even_guides_are_uniform);
+    RUN(meters_leave_pixels_out);
+    RUN(cameras_enclose_the_scene);
+    RUN(lamps_are_limited);
+    RUN(invalid_presets_are_the_default);
+    RUN(positions_fill_texels);
+    RUN(what_is_freed_is_zero);
+    RUN(given_rays_are_all_traced);
+    RUN(sites_are_measured_in_their_stage);
+    RUN(hinges_weigh_as_the_smaller_triangle);
+    RUN(developed_light_is_deleted);
+    RUN(chains_of_edges_end);
+    RUN(joined_arrays_must_be_finite);
+    RUN(abandoned_jobs_are_freed);
+    RUN(smooth_triangles_are_one_patch);
+    RUN(what_fits_is_told_in_megabytes);
+    RUN(corners_of_a_tile_are_summed_up);
+    RUN(leaves_are_positive_after_glows);
+    RUN(touched_texels_beside_hidden_ones_are_refused);
+    RUN(grids_begin_empty);
+    RUN(jobs_have_room_for_their_sites);
+    RUN(uneven_light_has_a_score);
+    RUN(narrow_triangles_are_marked);
+    RUN(meshes_have_their_own_hinges);
     return test_report();
 }
