@@ -2963,6 +2963,44 @@ TEST(abandoned_jobs_are_freed) {
           (int)c.core.base.memory.host_bytes);
 }
 
+/* Six small triangles with normals along both directions of each axis, whose fronts and backs are 12 sides. All sides
+   are pooled in one patch, but each has a patch word of its own. */
+TEST(sides_have_their_own_patch_words) {
+    uint32_t indices[18], parents[6], words[12], i, k;
+    sbl__vertex vertices[18];
+    sbl__patch patches[6];
+    sbl__patching p;
+    sbl__geometry g;
+    sbl__object object;
+    memset(vertices, 0, sizeof vertices);
+    memset(patches, 0, sizeof patches);
+    memset(&object, 0, sizeof object);
+    memset(&g, 0, sizeof g);
+    memset(&p, 0, sizeof p);
+    for (i = 0; i < 18; i++) indices[i] = i;
+    for (i = 0; i < 6; i++) {
+        const uint32_t axis = i / 2, mirrored = i % 2;
+        vertices[3 * i + 1 + mirrored].position[(axis + 1) % 3] = 1;
+        vertices[3 * i + 2 - mirrored].position[(axis + 2) % 3] = 1;
+        parents[i] = i;
+        patches[i].area = 0.5;
+    }
+    g.vertices = vertices;
+    g.indices = indices;
+    g.objects = &object;
+    g.triangle_count = 6;
+    p.geometry = &g;
+    p.parents = parents;
+    p.patches = patches;
+    p.least = 1;
+    for (i = 0; i < 12; i++) words[i] = sbl__patch_word(&p, i / 2) ^ (i % 2 ? SBL__PATCH_BACK : 0);
+    for (i = 0; i < 12; i++) {
+        CHECK(words[i] >> SBL__PATCH_SHIFT == 6, "side %u is in patch %u", i, words[i] >> SBL__PATCH_SHIFT);
+        CHECK((words[i] >> SBL__PATCH_AXIS_SHIFT & 3u) == i / 4, "side %u: word %x", i, words[i]);
+        for (k = 0; k < i; k++) CHECK(words[i] != words[k], "sides %u and %u have the word %x", i, k, words[i]);
+    }
+}
+
 /* A triangle joins the patch of one beside it, unless the edge between them is sharp. Triangles that only touch at a
    corner stay apart. */
 TEST(smooth_triangles_are_one_patch) {
@@ -3399,6 +3437,7 @@ int main(void) {
     RUN(chains_of_edges_end);
     RUN(joined_arrays_must_be_finite);
     RUN(abandoned_jobs_are_freed);
+    RUN(sides_have_their_own_patch_words);
     RUN(smooth_triangles_are_one_patch);
     RUN(what_fits_is_told_in_megabytes);
     RUN(corners_of_a_tile_are_summed_up);
