@@ -68,6 +68,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/types.h>
 #if defined(__SANITIZE_ADDRESS__)
   #define SCENE__SANITIZED 1
@@ -78,6 +79,11 @@
 #endif
 #ifndef SCENE__SANITIZED
   #define SCENE__SANITIZED 0
+#endif
+/* Several programs can share one object of the reader. It is compiled from this header with SCENE_FILE_API defined as
+   nothing. A program that is linked with it defines SCENE_FILE_API as nothing, too, and SCENE_FILE_ELSEWHERE. */
+#ifndef SCENE_FILE_API
+  #define SCENE_FILE_API static inline
 #endif
 
 enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_FOLDERS = 16, SCENE_FILE_SECONDS = 60, SCENE_FILE_READ = 1024,
@@ -196,6 +202,10 @@ typedef struct scene_file {
   #define SCENE__PRINTF(text, rest)
 #endif
 
+#ifdef SCENE_FILE_ELSEWHERE
+  #pragma GCC diagnostic push
+  #pragma GCC diagnostic ignored "-Wunused-function"  /* the program may use only some of these functions */
+#endif
 SCENE__PRINTF(3, 4) static void scene__print(char *out, size_t size, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -233,15 +243,21 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_units.h"
 #include "scene_memory.h"
 #include "scene_paths.h"
-#include "scene_pictures.h"
-#include "scene_integers.h"
-#include "scene_gltf.h"
-#include "scene_obj.h"
-#include "scene_motion.h"
-#include "scene_assimp.h"
-#include "scene_sandbox.h"
-#include "scene_trust.h"
-#include "scene_child.h"
+#ifdef SCENE_FILE_ELSEWHERE
+  #pragma GCC diagnostic pop
+  #define STBI_NO_STDIO
+  #include <stb/stb_image.h>
+#else
+  #include "scene_pictures.h"
+  #include "scene_integers.h"
+  #include "scene_gltf.h"
+  #include "scene_obj.h"
+  #include "scene_motion.h"
+  #include "scene_assimp.h"
+  #include "scene_sandbox.h"
+  #include "scene_trust.h"
+  #include "scene_child.h"
+#endif
 
 /* Writes the warning of a kind, or an empty text if no feature of this kind was found. */
 static inline void scene_file_warning(const scene_file *file, scene_file_kind kind, char *out, size_t size) {
@@ -265,20 +281,27 @@ static inline void scene_file_keep_map(scene_file *file, int map) {
     file->map_count = 1;
 }
 
-static void scene_file_free(scene_file *file) {
+static inline void scene_file_free(scene_file *file) {
     if (file) munmap(file, file->capacity);
 }
 
 /* Both functions return NULL on failure, with a message of one line in error, and on cancellation, with an empty error.
    options: NULL for the defaults */
-static scene_file *scene_file_load(const char *path, const scene_file_options *options, char *error,
-                                   size_t error_size) {
+SCENE_FILE_API scene_file *scene_file_load(const char *path, const scene_file_options *options, char *error,
+                                           size_t error_size);
+SCENE_FILE_API scene_file *scene_file_load_sky(const char *path, const scene_file_options *options, char *error,
+                                               size_t error_size);
+
+#ifndef SCENE_FILE_ELSEWHERE
+SCENE_FILE_API scene_file *scene_file_load(const char *path, const scene_file_options *options, char *error,
+                                           size_t error_size) {
     return scene__load(scene__read_scene, path, options, error, error_size);
 }
 
-static inline scene_file *scene_file_load_sky(const char *path, const scene_file_options *options, char *error,
-                                              size_t error_size) {
+SCENE_FILE_API scene_file *scene_file_load_sky(const char *path, const scene_file_options *options, char *error,
+                                               size_t error_size) {
     return scene__load(scene__read_sky, path, options, error, error_size);
 }
+#endif
 
 #endif
