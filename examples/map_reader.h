@@ -6,6 +6,11 @@
 #ifndef MAP_READER_H
 #define MAP_READER_H
 
+#ifdef SCENE_FILE_ELSEWHERE  /* the object of scene_file.h contains stb_image; otherwise, scene_file.h includes it */
+  #define STBI_NO_STDIO
+  #include <stb/stb_image.h>
+#endif
+
 enum { MAP_READ_MAX = 16384 };  /* maximum width and height in pixels */
 
 /* Allocates values of three components for a picture. Returns 0 if its size is not allowed or memory runs out. */

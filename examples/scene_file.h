@@ -245,8 +245,6 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_paths.h"
 #ifdef SCENE_FILE_ELSEWHERE
   #pragma GCC diagnostic pop
-  #define STBI_NO_STDIO
-  #include <stb/stb_image.h>
 #else
   #include "scene_pictures.h"
   #include "scene_integers.h"

@@ -2383,8 +2383,8 @@ TEST(sides_have_their_own_groups) {
 
 static double random_unit(uint32_t *seed) { return test_hash(++*seed) / 4294967296.0; }
 
-/* Joins random pairs of numbers, and compares their groups with labels: a join gives all numbers of the one group the
-   smaller of the two labels. */
+/* Random pairs of numbers are joined. The test labels each number with the least number of its group; each join gives
+   both groups the smaller label. The root of each number must be its label. */
 TEST(random_groups_have_their_least_number) {
     enum { COUNT = 60 };
     uint32_t parents[COUNT], labels[COUNT], seed = 0, i, k, wrong = 0;
@@ -2399,7 +2399,7 @@ TEST(random_groups_have_their_least_number) {
     CHECK(!wrong, "%u numbers have a wrong root", wrong);
 }
 
-/* The parts of a texel are a square of working pixels. The squares of all texels fill the window without its margin. */
+/* The parts of a texel form a square of working pixels. The squares of texels fill the window except its margin. */
 TEST(parts_of_texels_are_squares) {
     enum { ACROSS = 3, WIDE = 4, HIGH = 2, LEFT = 5, TOP = 2, WIDTH = LEFT + ACROSS * WIDE + 1 };
     static sbl__map m;
@@ -2418,8 +2418,9 @@ TEST(parts_of_texels_are_squares) {
         }
 }
 
-/* The rest of the time: what the store lacks and, before the first look, the typical time. Afterwards it is the mean of
-   the rest of the typical time and the time of the expected looks. */
+/* The remaining time of a picture is that of the rest of the store plus that of the looks. Before the first look, the
+   looks are expected to take the typical time. Afterwards, the estimate is the mean of the rest of the typical time and
+   the time of the expected looks. */
 TEST(the_rest_of_the_time_is_estimated) {
     static sbl__core core;
     static sbl__bounce bounce;
@@ -2471,8 +2472,8 @@ TEST(the_rest_of_the_time_is_estimated) {
     CHECK(fabs(sbl__refine_looks_expected(r) - 80) < 1e-9, "%g looks are expected", sbl__refine_looks_expected(r));
 }
 
-/* Errors of R are compared with the mean of the picture: the one that is known, that of the last weighing, or an
-   estimate; it is never 0. */
+/* Errors of R are relative to the mean of the picture. This is the mean that is known; otherwise that of the last
+   weighing; otherwise an estimate. It is never 0. */
 TEST(errors_are_relative_to_the_mean) {
     static unsigned char albedos[4];
     sbl__refine r;
@@ -2498,7 +2499,8 @@ TEST(errors_are_relative_to_the_mean) {
     CHECK(fabs((double)sbl__weigh_shown2(&r) * 1e12 - 1) < 1e-5, "a black picture: %g", (double)sbl__weigh_shown2(&r));
 }
 
-/* Half the surface of the box around some of the bins of an axis, times the number of their triangles. */
+/* Returns half the surface area of the box around the bins `from` to `to` of an axis, times the number of the triangles
+   in these bins. */
 static double cost_of_bins(const sbl__bvh_split *s, int axis, int from, int to) {
     double low[3] = { 1e30, 1e30, 1e30 }, size[3];
     int i, k, count = 0;
@@ -2684,7 +2686,8 @@ TEST(cameras_enclose_the_scene) {
     CHECK(!c.orthographic && c.facet_limit >= 0, "orthographic %d, limit %g", c.orthographic, (double)c.facet_limit);
 }
 
-/* Lights, triangles of meshes that emit on their front, and bright pixels of the sky may become lamps. */
+/* The upper limit of the number of lamps counts lights, triangles of meshes that emit on their front, and bright pixels
+   of the sky. */
 TEST(lamps_are_limited) {
     enum { MESHES = 3 };
     static float pixels[4 * 6];
@@ -2823,8 +2826,8 @@ TEST(given_rays_are_all_traced) {
     CHECK(!m.every_ray, "every ray is traced by default");
 }
 
-/* Before the stage that measures sites, none is measured; after it, all. At its start, the job of earlier sites does
-   not count. */
+/* No site is measured before the stage that measures sites, and all are after it. When this stage starts, the job of
+   earlier sites does not count. */
 TEST(sites_are_measured_in_their_stage) {
     static sbl__core core;
     sbl__work w;
@@ -3059,7 +3062,8 @@ TEST(what_fits_is_told_in_megabytes) {
     CHECK(sbl__need_afford(&budgeted, "f", &need) == SBL_SUCCESS, "there is a limit without a budget");
 }
 
-/* The state of the corners of a tile: the fewest looks of usable sensors, new sensors, and unread ones. */
+/* The state of a tile's corners contains the smallest number of looks among usable sensors, the number of new sensors,
+   and the number of sensors that have not been read. */
 TEST(corners_of_a_tile_are_summed_up) {
     static const int looks[4] = { 5, 3, 1, 4 };
     sbl__pixel pixels[4];
@@ -3098,7 +3102,8 @@ TEST(corners_of_a_tile_are_summed_up) {
     }
 }
 
-/* After the light of glows, all leaves have positive red again, and those whose bright leaf is gone are ordinary. */
+/* After the job that measures the light of glows at all points, no leaf is bright, and the red of each leaf is positive
+   again. */
 TEST(leaves_are_positive_after_glows) {
     static sbl__bounce b;
     static sbl__core core;
@@ -3278,7 +3283,8 @@ TEST(narrow_triangles_are_marked) {
     a.across = 2;  /* a texel is 6 wide */
     for (narrow = 0; narrow < 2; narrow++) {
         memset(marks, 0, sizeof marks);
-        a.facet_limit = narrow ? 0.09f : 0.05f;  /* the heights above the shared sides are 0.7 and 1 */
+        /* triangles of heights up to 1.08 or 0.6 are narrow; the heights above their shared sides are 0.7 and 1 */
+        a.facet_limit = narrow ? 0.09f : 0.05f;
         for (i = 0; i < 4; i++) CHECK(sbl__atlas_mark_sharp(&a, i) == SBL_SUCCESS, "triangle %d", i);
         for (i = 0; i < 4; i++)
             CHECK(marks[i] == (narrow && (i == 1 || i == 2)), "narrow %d: triangle %d has the mark %d", narrow, i,
