@@ -136,11 +136,16 @@ static void *not_null(void *block) {
     return block;
 }
 
+/* Blocks of C++ from this size on come from the allocator of libc, whoever requests them. The reader of .obj files
+   requests such a block for each file and fills it with zeros, and the sanitizer would get new pages for it each time,
+   which take a tenth of the page faults of a short run. The code under test is C and uses no operators. */
+enum { LARGE = 16 << 20 };
+
 #define NEW(symbol, parameters, arguments, block)                                  \
     void *symbol parameters;                                                       \
     void *symbol parameters {                                                      \
         static void *(*sanitizer) parameters;                                      \
-        if (CALLED_BY_DRIVER()) return block;                                      \
+        if (size >= LARGE || CALLED_BY_DRIVER()) return block;                     \
         if (!sanitizer) sanitizer = (void *(*) parameters)next(#symbol);           \
         return sanitizer arguments;                                                \
     }
