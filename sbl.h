@@ -15596,8 +15596,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
        >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
-       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SITES -> LIGHT (>>solution) -> CORRECT ->
-                           GLOW, then again from SITES on
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> SITES -> LIGHT
+                           (>>solution) -> CORRECT -> GLOW, then again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
        >>storing           LAMPS -> SEND -> AIR */
 
@@ -15663,8 +15663,9 @@ typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } s
 
 enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
 
-/* The points at which the light of glows is measured */
-enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_AT_BRIGHT, SBL__GLOWS_EVERYWHERE };
+/* What is measured because of glows, in this order: nothing; the light of lamps at positions on glows; the light of
+   glows at the points of bright leaves; the light of glows at all points */
+enum { SBL__GLOWS_NOWHERE, SBL__GLOWS_SPREAD, SBL__GLOWS_AT_BRIGHT, SBL__GLOWS_EVERYWHERE };
 
 /* A leaf while the store is filled */
 typedef struct sbl__bounce_leaf {
@@ -15707,6 +15708,8 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_SUM_FOUND, NULL, sbl__bright_sum_found, sbl__solution_points, NULL) \
     X(SBL__BOUNCE_CHOOSE, sbl__bright_make_list, NULL, NULL, NULL) \
     X(SBL__BOUNCE_GLOW, sbl__bright_glow, NULL, NULL, sbl__bright_after_glow) \
+    X(SBL__BOUNCE_SPREAD, sbl__bright_sites_make, sbl__bright_sites, sbl__solution_leaves, sbl__bright_after_sites) \
+    X(SBL__BOUNCE_SPREAD_LIGHT, sbl__solution_run_job, NULL, NULL, sbl__bright_after_light) \
     X(SBL__BOUNCE_CORRECT, NULL, sbl__bright_correct, sbl__solution_leaves, sbl__bright_after_correct) \
     X(SBL__BOUNCE_NOISE, NULL, sbl__uncertainty_noise, sbl__solution_leaves, sbl__uncertainty_after_noise) \
     X(SBL__BOUNCE_PROPAGATE, NULL, sbl__solution_gather, sbl__solution_leaves, sbl__uncertainty_after_propagate) \
@@ -15741,9 +15744,9 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
-    int glows;                       /* SBL__GLOWS_AT_BRIGHT: a job measures the light of glows at the points of bright
-                                        leaves. SBL__GLOWS_EVERYWHERE: at all points, and the light of bright leaves is
-                                        fixed. In both cases, the points' rays skip bright leaves */
+    int glows;                       /* SBL__GLOWS_NOWHERE and so on. The points' rays skip bright leaves from
+                                        SBL__GLOWS_AT_BRIGHT on. Then SBL__GLOWS_EVERYWHERE fixes the light of bright
+                                        leaves */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
 
@@ -17038,8 +17041,8 @@ static sbl_result sbl__solution_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, if b->glows is not 0,
-   only from glows; SBL_MODE_GI: it measures all light */
+/* Begins a job at `count` sites. mode: SBL_MODE_DIRECT: the job measures light from lamps or, from SBL__GLOWS_AT_BRIGHT
+   on, only from glows; SBL_MODE_GI: it measures all light */
 static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -17057,7 +17060,7 @@ static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.spec.groups = c->scene.light_groups;
         task.layers = b->found_layers;
     }
-    if (direct && b->glows) {
+    if (direct && b->glows >= SBL__GLOWS_AT_BRIGHT) {
         task.spec.glows = 1;  /* the first job has found out which points are stuck */
         task.spec.lamp_rays = b->glows == SBL__GLOWS_AT_BRIGHT ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
     }
@@ -17666,11 +17669,15 @@ static int sbl__division_after_sort(void *work) {
                                       fill more of the view, such as the gap above a lamp */
 #define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than this
                                       * (mean R)^2: bounced light is smooth, or weak beside the light of lamps */
+#define SBL__BRIGHT_SITES 64       /* number of positions on a bright leaf at which the light of lamps is measured */
+#define SBL__BRIGHT_TURN 0.6180339887498949  /* (sqrt(5) - 1) / 2; multiples of it, modulo 1, are spread evenly */
 #define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this fraction of the rays' variance would remain */
 
 /* A leaf that may become bright. light: luminance of its radiance, mean over the rays that hit it; hits: number of
    these rays. Both are weighted like the sums in sbl__bounce.found. */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
+
+typedef struct sbl__bright_list { sbl__bright_leaf *list; int count, capacity; } sbl__bright_list;
 
 /* Describes how much the candidates in a cell fill the view of the points that see them. hits: number of rays that hit
    these candidates; crowd: sum, over these rays, of the number of rays of the same point that hit candidates in any
@@ -17787,15 +17794,51 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__cell_of_leaf(b, leaf, &s->bright[s->bright_count++]);
 }
 
+/* Appends the leaves of a cell, or of a part of it, to the list of bright leaves, except those that it has already and
+   those that long rays do not read. reference: to the cell or its part. Returns 0 if memory is exhausted. */
+static int sbl__bright_append(sbl__bounce *b, sbl__bright_list *to, uint32_t reference) {
+    const int leaf = (int)reference - 1;
+    if (reference >= SBL__CELL_CUT) {
+        const sbl__cut *cut = &b->store->cuts[reference & ~SBL__CELL_CUT];
+        return sbl__bright_append(b, to, cut->sides[0]) && sbl__bright_append(b, to, cut->sides[1]);
+    }
+    if (!reference || b->states[leaf].bright == SBL__BRIGHT || sbl__bright_for_long(b, leaf) != leaf) return 1;
+    if (!sbl__grow(&b->core->base, &to->list, &to->capacity, to->count + 1, sizeof *to->list)) return 0;
+    b->states[leaf].bright = SBL__BRIGHT;
+    to->list[to->count++].leaf = leaf;
+    return 1;
+}
+
+/* Appends the leaves in the cells of bright leaves and beside these cells to the list. The edge of a spot of light may
+   cross them although none of their few points lies in the spot. Returns 0 if memory is exhausted. */
+static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
+    const int chosen = to->count;
+    int i, k;
+    for (i = 0; i < chosen; i++) b->states[to->list[i].leaf].bright = SBL__BRIGHT;
+    for (i = 0; i < chosen; i++) {
+        sbl__bright_cell cell;
+        sbl__cell_of_leaf(b, to->list[i].leaf, &cell);
+        for (k = 0; k < 54; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
+            const uint32_t at[3] = { cell.at[0] + (uint32_t)(k % 3) - 1u, cell.at[1] + (uint32_t)(k / 3 % 3) - 1u,
+                                     cell.at[2] + (uint32_t)(k / 9 % 3) - 1u };
+            uint32_t check;
+            const sbl__cell_bucket *bucket =
+                sbl__store_seek(b->store, cell.patch ^ (k < 27 ? 0 : SBL__PATCH_SHORT), at, &check);
+            if (bucket && bucket->check == check && !sbl__bright_append(b, to, bucket->reference)) return 0;
+        }
+    }
+    return 1;
+}
+
 /* Chooses the bright leaves. Stores a sorted list of the cells that contain them, in which each cell occurs once.
    Candidates are leaves that long rays read (see >>store) and whose radiance exceeds SBL__BRIGHT_LEAST * the mean. */
 static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
     const double least = SBL__BRIGHT_LEAST * b->found.light;
-    sbl__bright_leaf *list = NULL;
+    sbl__bright_list to = { NULL, 0, 0 };
     sbl__bright_view *views;
-    int i, count = 0, capacity = 0, kept;
+    int i, kept, widened;
     (void)slice;
     sbl__free(&b->core->base, s->bright);
     s->bright = NULL;
@@ -17803,33 +17846,34 @@ static sbl_result sbl__bright_make_list(void *work, sbl__slice *slice) {
     for (i = 0; i < s->leaf_count; i++) {
         const double light = (double)b->leaf_found[i].light, hits = (double)b->leaf_found[i].rays;
         if (!(light * b->found.rays > least * hits) || sbl__bright_for_long(b, i) != i) continue;
-        if (!sbl__grow(&b->core->base, &list, &capacity, count + 1, sizeof *list)) {
-            sbl__free(&b->core->base, list);
+        if (!sbl__grow(&b->core->base, &to.list, &to.capacity, to.count + 1, sizeof *to.list)) {
+            sbl__free(&b->core->base, to.list);
             return SBL_ERROR_OUT_OF_MEMORY;
         }
-        list[count].light = light / hits;
-        list[count].hits = hits;
-        list[count++].leaf = i;
+        to.list[to.count].light = light / hits;
+        to.list[to.count].hits = hits;
+        to.list[to.count++].leaf = i;
     }
     views = (sbl__bright_view *)sbl__alloc(&b->core->base, (size_t)s->cell_capacity, sizeof *views);
     if (!views) {
-        sbl__free(&b->core->base, list);
+        sbl__free(&b->core->base, to.list);
         return SBL_ERROR_OUT_OF_MEMORY;
     }
-    count = sbl__bright_uncrowded(b, list, count, views);
+    to.count = sbl__bright_uncrowded(b, to.list, to.count, views);
     sbl__free(&b->core->base, views);
-    if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
-    count = count ? sbl__bright_choose(b, list, count) : 0;
-    if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
-    for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
+    if (to.count) qsort(to.list, (size_t)to.count, sizeof *to.list, sbl__brighter);
+    to.count = to.count ? sbl__bright_choose(b, to.list, to.count) : 0;
+    widened = sbl__bright_widen(b, &to);
+    if (to.count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)to.count, sizeof *s->bright);
+    for (i = 0; i < to.count && s->bright; i++) sbl__bright_mark(b, to.list[i].leaf);
     for (i = 0; i < s->leaf_count && s->bright; i++) {
         const int long_leaf = b->states[i].bright ? -1 : sbl__bright_for_long(b, i);
         if (long_leaf >= 0 && b->states[long_leaf].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_LONG;
     }
-    sbl__free(&b->core->base, list);
-    if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
-    if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
-    for (i = kept = 0; i < count; i++)  /* drops repetitions of cells with several bright leaves */
+    sbl__free(&b->core->base, to.list);
+    if (!widened || (to.count && !s->bright)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (to.count) qsort(s->bright, (size_t)to.count, sizeof *s->bright, sbl__bright_order);
+    for (i = kept = 0; i < to.count; i++)  /* drops repetitions of cells with several bright leaves */
         if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
     s->bright_count = kept;
     return SBL_SUCCESS;
@@ -17840,14 +17884,14 @@ static sbl_result sbl__bright_glow(void *work, sbl__slice *slice) {
     return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
-/* Returns SITES, to measure the light of glows, first at the points of bright leaves, then at all points; or NOISE if
-   the scene has no glows. This light replaces the light that the points' rays find on bright leaves, because too few of
-   these rays hit them. */
+/* Returns the next stage. If the scene has glows, this is first SPREAD, then SITES, to measure the light of glows. This
+   light replaces the light that the points' rays find on bright leaves, because too few of these rays hit them. If the
+   scene has no glows, the stage is NOISE or, if all bright leaves turned out to be too dark, DIRECT, to compute all
+   light again. */
 static int sbl__bright_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
+    const int found = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
     int i;
-    b->glows = !b->core->scene.bright.ready || !b->core->scene.bright.glow_count ? SBL__GLOWS_NOWHERE
-             : b->glows ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_AT_BRIGHT;
     for (i = 0; i < b->store->leaf_count; i++) {  /* leaves that sbl__glow_limit has made ordinary are not bright */
         const int long_leaf = b->states[i].bright ? sbl__bright_for_long(b, i) : -1;
         if (long_leaf < 0 || !sbl__leaf_is_bright(b->store->leaves[long_leaf].light)) b->states[i].bright = 0;
@@ -17855,7 +17899,136 @@ static int sbl__bright_after_glow(void *work) {
     for (i = 0; i < b->store->leaf_count; i++)  /* Rays that have hit metal read bright leaves. They need red
                                                    without its sign, which sbl__uncertainty_leaf sets again. */
         b->store->leaves[i].light[0] = (float)fabs((double)b->store->leaves[i].light[0]);
-    return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
+    if (!found && b->glows == SBL__GLOWS_NOWHERE) return SBL__BOUNCE_NOISE;
+    b->glows = found ? b->glows + 1 : SBL__GLOWS_EVERYWHERE;
+    b->rounds = 0;
+    b->change = 0;
+    if (!found) return SBL__BOUNCE_DIRECT;
+    return b->glows == SBL__GLOWS_SPREAD ? SBL__BOUNCE_SPREAD : SBL__BOUNCE_SITES;
+}
+
+/* Marks the bright leaves again, and drops the glows, which still have the light that these leaves had before. Returns
+   GLOW. */
+static int sbl__bright_renew(sbl__bounce *b) {
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) {
+        float *light = b->store->leaves[i].light;
+        if (b->states[i].bright == SBL__BRIGHT) light[0] = -light[0];
+    }
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_GLOW;
+}
+
+/* Allocates SBL__BRIGHT_SITES sites for each bright leaf. */
+static sbl_result sbl__bright_sites_make(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    size_t bright = 0;
+    int i;
+    (void)slice;
+    if (b->stages.at) return SBL_SUCCESS;  /* not the first piece of the stage */
+    b->site_count = 0;
+    for (i = 0; i < b->store->leaf_count; i++) bright += b->states[i].bright == SBL__BRIGHT;
+    return sbl__solution_make_sites(b, bright * SBL__BRIGHT_SITES);
+}
+
+static double sbl__glow_area(const sbl__glow *glow) {
+    double u[3], v[3], across[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        u[k] = (double)glow->corner_1[k] - glow->corner_0[k];
+        v[k] = (double)glow->corner_2[k] - glow->corner_0[k];
+    }
+    sbl__cross(u, v, across);
+    return 0.5 * sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
+}
+
+/* Adds a site on a glow. u, v: coordinates from 0 to 1; if they are uniform, positions on the triangle are, too */
+static void sbl__bright_add_site(sbl__bounce *b, const sbl__glow *glow, double u, double v, uint32_t number) {
+    const uint32_t triangle = b->core->scene.hierarchy.order[glow->triangle];
+    const uint32_t patch = b->store->patches[triangle];
+    const double second = sqrt(u) * (1 - v), third = sqrt(u) * v;
+    const sbl__hit *first = &b->points[b->states[glow->leaf].first].at;
+    sbl__site *site = &b->sites[b->site_count++];
+    uint32_t side = triangle << 1;
+    int k;
+    side |= ((sbl__hit_patch(b->store, first) ^ patch) & SBL__PATCH_BACK) != 0;
+    memset(site, 0, sizeof *site);
+    for (k = 0; k < 3; k++)
+        site->position[k] = (float)((1 - second - third) * glow->corner_0[k] + second * glow->corner_1[k] +
+                                    third * glow->corner_2[k]);
+    site->offset = sbl__side_offset(b->geometry, side, site->normal);
+    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
+    site->number = number;
+    site->looks = 1;
+    site->suspect = 1;
+}
+
+/* Adds the sites of a bright leaf: positions that are spread evenly over its glows. */
+static sbl_result sbl__bright_sites(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__lamps *l = &b->core->scene.bright;
+    const double start = sbl__hash((uint32_t)at) / 4294967296.0, turn = sbl__hash((uint32_t)at + 1u) / 4294967296.0;
+    double area = 0, before = 0;
+    int i, number = 0;
+    if (b->states[at].bright != SBL__BRIGHT) return SBL_SUCCESS;
+    for (i = 0; i < l->glow_count; i++)
+        if (l->glows[i].leaf == (uint32_t)at) area += sbl__glow_area(&l->glows[i]);
+    for (i = 0; i < l->glow_count; i++) {
+        const double own = l->glows[i].leaf == (uint32_t)at ? sbl__glow_area(&l->glows[i]) : 0;
+        for (; own > 0 && number < SBL__BRIGHT_SITES; number++) {
+            const double u = ((number + start) / SBL__BRIGHT_SITES * area - before) / own;
+            if (u >= 1) break;
+            sbl__bright_add_site(b, &l->glows[i], u, fmod(SBL__BRIGHT_TURN * number + turn, 1),
+                                 (uint32_t)at * SBL__BRIGHT_SITES + (uint32_t)number);
+        }
+        before += own;
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__bright_after_sites(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__solution_measure(b, SBL_MODE_DIRECT, b->site_count);
+    return SBL__BOUNCE_SPREAD_LIGHT;
+}
+
+/* Gives all points of a bright leaf the mean light of lamps that was measured at its sites, and corrects the light of
+   the leaf. The leaf becomes ordinary if it is too dark for a bright leaf: dark glows near a sensor would only add
+   noise. first: index of the leaf's first site. Returns the index after its last site. Changes nothing if no site is
+   valid. */
+static int sbl__bright_take(sbl__bounce *b, int first) {
+    const int floats = 3 * b->core->scene.light_groups;
+    const uint32_t leaf = b->sites[first].number / SBL__BRIGHT_SITES;
+    sbl__bounce_leaf *state = &b->states[leaf];
+    float *light = b->store->leaves[leaf].light, radiance[3], mean[3] = { 0, 0, 0 };
+    int i, k, p, end = first, valid = 0;
+    for (; end < b->site_count && b->sites[end].number / SBL__BRIGHT_SITES == leaf; end++)
+        valid += b->readings[end].valid;
+    if (!valid) return end;
+    for (i = first; i < end; i++)
+        for (k = 0; k < 3 && b->readings[i].valid; k++) mean[k] += b->readings[i].radiance[k] / (float)valid;
+    for (p = state->first; p < state->first + state->points; p++) {
+        float *point = b->points[p].light, *layers = floats ? sbl__point_layers(b, p, 0) : NULL;
+        for (k = 0; k < 3 && b->points[p].valid; k++) light[k] += (mean[k] - point[k]) / (float)state->valid;
+        memcpy(point, mean, sizeof mean);
+        for (k = 0; k < floats; k++) {
+            layers[k] = 0;
+            for (i = first; i < end; i++)
+                if (b->readings[i].valid) layers[k] += b->found_layers[floats * i + k] / (float)valid;
+        }
+    }
+    for (k = 0; k < 3; k++) light[k] = SBL__MAX(light[k], 0.0f);
+    sbl__reflect(sbl__triangle_object(b->geometry, b->points[state->first].at.side >> 1), light, radiance);
+    if (!((double)sbl__luminance(radiance) * b->found.rays > SBL__BRIGHT_LEAST * b->found.light)) state->bright = 0;
+    return end;
+}
+
+/* Takes the light of lamps on bright leaves, and makes the glows of those that are still bright. */
+static int sbl__bright_after_light(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    int i = 0;
+    while (i < b->site_count) i = sbl__bright_take(b, i);
+    return sbl__bright_renew(b);
 }
 
 /* Computes the light of a bright leaf again, from the light of glows that was measured at its points. The leaf was
@@ -17880,17 +18053,7 @@ static sbl_result sbl__bright_correct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Marks the bright leaves again, and drops the glows, which still have the light that these leaves had before. */
-static int sbl__bright_after_correct(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    int i;
-    for (i = 0; i < b->store->leaf_count; i++) {
-        float *light = b->store->leaves[i].light;
-        if (b->states[i].bright == SBL__BRIGHT) light[0] = -light[0];
-    }
-    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
-    return SBL__BOUNCE_GLOW;
-}
+static int sbl__bright_after_correct(void *work) { return sbl__bright_renew((sbl__bounce *)work); }
 
 /* ====================================================================================================== >>uncertainty
    The standard error of a leaf is estimated from the differences between its points. Noise of this amplitude and of

@@ -1832,6 +1832,53 @@ TEST(bright_leaves_are_right_on_average) {
     scene_free(&s);
 }
 
+/* A narrow spot lights a disc of a white floor, about as large as four cells of the store. The edge of the disc crosses
+   cells, and the few points of a leaf there may all be in the light, or all outside it. The glows must nevertheless
+   have the power of the spot, wherever the spot stands. Leaves that turn out to be dark make no glows. */
+TEST(glows_have_the_power_of_a_spot) {
+    enum { SPOTS = 8, STEPS = 64 };
+    const double height = 0.5, cone = 24, radius = height * tan(0.5 * cone * TEST_PI / 180);
+    double squares = 0;
+    int i, k, spot;
+    for (spot = 0; spot < SPOTS; spot++) {
+        test_scene s = { 0 };
+        sbl_light *light = scene_light(&s, SBL_LIGHT_SPOT, 50, 50, 50);
+        const double at[2] = { 0.037 * spot - 0.1, 0.1 - 0.053 * spot };
+        double sum = 0, expected = 0;
+        for (k = 0; k < 2; k++) light->position[2 * k] = (float)at[k];
+        light->position[1] = (float)height;
+        light->direction[1] = -1;
+        light->cone = (float)cone;
+        light->inner_cone = (float)cone;
+        scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2);
+        scene_quad(&s, scene_material(&s, 0, 0, 0), -3, 2, -3, 3, 2, -3, 3, 2, 3, -3, 2, 3);
+        site_count = 0;
+        for (i = 0; i < 8; i++) add_site(1.2 * cos(i), 1.5, 1.2 * sin(i), 0, -1, 0, 1);
+        if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024)) {
+            for (k = 0; k < site_count; k++) {
+                const float *site = sites[k].position;
+                sum += (double)readings[k].radiance[1];
+                for (i = 0; i < STEPS * STEPS; i++) {  /* rings of equal area */
+                    const double r = radius * sqrt((i % STEPS + 0.5) / STEPS);
+                    const double turn = 2 * TEST_PI * (i / STEPS) / STEPS;
+                    const double x = at[0] + r * cos(turn) - (double)site[0], y = (double)site[1];
+                    const double z = at[1] + r * sin(turn) - (double)site[2];
+                    const double spot2 = r * r + height * height, d2 = x * x + y * y + z * z;
+                    expected += 0.8 * 50 / TEST_PI * height / (spot2 * sqrt(spot2)) * y * y / (TEST_PI * d2 * d2) *
+                                TEST_PI * radius * radius / (STEPS * STEPS);
+                }
+            }
+            printf("  spot %d: %.2f %% of the expected R, %d glows\n", spot, 100 * sum / expected,
+                   inside_glow_count(context));
+            CHECK(inside_glow_count(context) > 0, "nothing has made a glow");
+            CHECK(inside_glow_count(context) < 40, "dark leaves make glows");
+            squares += (sum / expected - 1) * (sum / expected - 1);
+        }
+        scene_free(&s);
+    }
+    CHECK(sqrt(squares / SPOTS) < 0.03, "R differs by %.1f %%", 100 * sqrt(squares / SPOTS));
+}
+
 /* A lamp in a black tube lights a small patch above a floor, and the patch lights the floor. The sites face the floor,
    and the tube hides the lamp from them. Nevertheless, their rays must go to glows of the floor and not only to the
    lamp, which is expected to be far stronger. Otherwise the readings are noisy. */
@@ -2026,6 +2073,7 @@ int main(void) {
     RUN(glows_show_their_texture);
     RUN(near_hits_find_glows);
     RUN_UNSANITIZED(bright_leaves_are_right_on_average);
+    RUN_UNSANITIZED(glows_have_the_power_of_a_spot);
     RUN_UNSANITIZED(glows_beside_a_hidden_lamp);
     RUN(a_lit_floor_is_no_glow);
     sbl_destroy(context);

@@ -3102,8 +3102,8 @@ TEST(corners_of_a_tile_are_summed_up) {
     }
 }
 
-/* After the job that measures the light of glows at all points, no leaf is bright, and the red of each leaf is positive
-   again. */
+/* If no glow is left, no leaf is bright, and the red of each leaf is positive again. If bright leaves had been measured
+   before, all light is computed again, once. */
 TEST(leaves_are_positive_after_glows) {
     static sbl__bounce b;
     static sbl__core core;
@@ -3111,21 +3111,26 @@ TEST(leaves_are_positive_after_glows) {
     sbl__leaf leaves[2];
     sbl__store store;
     sbl__bounce_point points[1];
-    int i;
-    memset(states, 0, sizeof states);
+    int i, measured;
     memset(points, 0, sizeof points);
-    set_leaves(&b, &store, leaves, states);
     b.core = &core;
     b.points = points;
-    b.glows = SBL__GLOWS_EVERYWHERE;
-    for (i = 0; i < 2; i++) {
-        states[i].bright = SBL__BRIGHT;
-        leaves[i].light[0] = (float)(-3 - i);
+    for (measured = 0; measured < 2; measured++) {
+        memset(states, 0, sizeof states);
+        set_leaves(&b, &store, leaves, states);
+        b.glows = measured ? SBL__GLOWS_SPREAD : SBL__GLOWS_NOWHERE;
+        b.rounds = 3;
+        for (i = 0; i < 2; i++) {
+            states[i].bright = SBL__BRIGHT;
+            leaves[i].light[0] = (float)(-3 - i);
+        }
+        CHECK(sbl__bright_after_glow(&b) == (measured ? SBL__BOUNCE_DIRECT : SBL__BOUNCE_NOISE), "a wrong stage");
+        CHECK(b.glows == (measured ? SBL__GLOWS_EVERYWHERE : SBL__GLOWS_NOWHERE), "glows %d", b.glows);
+        CHECK(b.rounds == (measured ? 0 : 3), "round %d", b.rounds);
+        for (i = 0; i < 2; i++)
+            CHECK(!states[i].bright && fabs((double)leaves[i].light[0] - 3 - i) < 1e-6, "leaf %d: red %g, bright %d", i,
+                  (double)leaves[i].light[0], states[i].bright);
     }
-    CHECK(sbl__bright_after_glow(&b) == SBL__BOUNCE_NOISE && b.glows == SBL__GLOWS_NOWHERE, "there are glows");
-    for (i = 0; i < 2; i++)
-        CHECK(!states[i].bright && fabs((double)leaves[i].light[0] - 3 - i) < 1e-6, "leaf %d: red %g, bright %d", i,
-              (double)leaves[i].light[0], states[i].bright);
 }
 
 /* A touched texel is refused beside a hidden texel of the same surface, in any of eight directions, whichever is read
