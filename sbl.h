@@ -15645,7 +15645,8 @@ typedef struct sbl__bounce_point {
     int number;        /* index of the point among the leaf's points */
     int measured;      /* 1: `light` and `valid` are set */
     int valid;         /* 1: the reading at the point is valid */
-    float light[3];    /* R from lamps, later also from glows */
+    float light[3];    /* R from lamps, later also from glows. In a bright leaf, R from lamps is the mean over the leaf,
+                          see sbl__bright_take */
     float metal_light[3];  /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
@@ -17657,13 +17658,15 @@ static int sbl__division_after_sort(void *work) {
 
 /* ======================================================================================================== >>bright
    Chooses bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. This room makes the
-   list of bright cells of the store, and corrects the light of bright leaves. */
+   list of bright cells of the store, measures the light of lamps at many positions on bright leaves, and corrects the
+   light of these leaves. */
 
 #define SBL__BRIGHT_LEAST 6.0      /* smallest radiance of bright leaves, in multiples of the mean radiance of all
                                       rays */
 #define SBL__BRIGHT_HITS 0.06      /* maximum fraction of rays that hit bright leaves; rays find light from larger areas
                                       easily, and shadow rays towards these are costly */
-#define SBL__BRIGHT_LEAVES 1024    /* maximum number of bright leaves */
+#define SBL__BRIGHT_LEAVES 1024    /* maximum number of bright leaves that are chosen; further leaves beside these may
+                                      become bright, see sbl__bright_widen */
 #define SBL__BRIGHT_CROWD 0.67     /* candidates become bright only if, on average, at most this fraction of the rays of
                                       a point that sees them hits candidates; rays over the hemisphere find areas that
                                       fill more of the view, such as the gap above a lamp */
