@@ -17800,11 +17800,12 @@ static void sbl__bright_mark(sbl__bounce *b, int leaf) {
 /* Appends the leaves of a cell, or of a part of it, to the list of bright leaves, except those that it has already and
    those that long rays do not read. reference: to the cell or its part. Returns 0 if memory is exhausted. */
 static int sbl__bright_append(sbl__bounce *b, sbl__bright_list *to, uint32_t reference) {
-    const int leaf = (int)reference - 1;
+    int leaf;
     if (reference >= SBL__CELL_CUT) {
         const sbl__cut *cut = &b->store->cuts[reference & ~SBL__CELL_CUT];
         return sbl__bright_append(b, to, cut->sides[0]) && sbl__bright_append(b, to, cut->sides[1]);
     }
+    leaf = (int)reference - 1;
     if (!reference || b->states[leaf].bright == SBL__BRIGHT || sbl__bright_for_long(b, leaf) != leaf) return 1;
     if (!sbl__grow(&b->core->base, &to->list, &to->capacity, to->count + 1, sizeof *to->list)) return 0;
     b->states[leaf].bright = SBL__BRIGHT;
