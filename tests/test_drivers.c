@@ -63,7 +63,10 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
         setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
         setenv("GALLIUM_DRIVER", driver, 1);
         /* the driver itself leaks, in modules that no suppression names */
-        setenv("ASAN_OPTIONS", "detect_leaks=0", 1);
+        setenv("ASAN_OPTIONS", "detect_leaks=0:max_malloc_fill_size=1073741824:malloc_fill_byte=0", 1);
+        /* softpipe reads memory that it has not set (valgrind shows it inside the driver), so that its pictures differ
+           from run to run; with 255, malloc fills new memory with zeros */
+        setenv("MALLOC_PERTURB_", "255", 1);
         execl(program, program, path, (char *)NULL);
         _exit(1);
     }
