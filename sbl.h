@@ -17813,8 +17813,8 @@ static int sbl__bright_append(sbl__bounce *b, sbl__bright_list *to, uint32_t ref
     return 1;
 }
 
-/* Appends the leaves in the cells of bright leaves and beside these cells to the list. The edge of a spot of light may
-   cross them although none of their few points lies in the spot. Returns 0 if memory is exhausted. */
+/* Appends the leaves in the cells of bright leaves and beside these cells to the list, on flat patches. The edge of a
+   spot of light may cross them although none of their few points lies in the spot. Returns 0 if memory is exhausted. */
 static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
     const int chosen = to->count;
     int i, k;
@@ -17822,7 +17822,7 @@ static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
     for (i = 0; i < chosen; i++) {
         sbl__bright_cell cell;
         sbl__cell_of_leaf(b, to->list[i].leaf, &cell);
-        for (k = 0; k < 54; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
+        for (k = 0; k < 54 && cell.patch & SBL__PATCH_FLAT; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
             const uint32_t at[3] = { cell.at[0] + (uint32_t)(k % 3) - 1u, cell.at[1] + (uint32_t)(k / 3 % 3) - 1u,
                                      cell.at[2] + (uint32_t)(k / 9 % 3) - 1u };
             uint32_t check;
@@ -17967,14 +17967,17 @@ static void sbl__bright_add_site(sbl__bounce *b, const sbl__glow *glow, double u
     site->suspect = 1;
 }
 
-/* Adds the sites of a bright leaf: positions that are spread evenly over its glows. */
+/* Adds the sites of a bright leaf on a flat patch: positions that are spread evenly over its glows. On other patches,
+   such as the inside of a lamp's bowl, some parts of a leaf are seen by more rays than others, and the mean over the
+   points, which rays have found, is the better one. */
 static sbl_result sbl__bright_sites(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__lamps *l = &b->core->scene.bright;
     const double start = sbl__hash((uint32_t)at) / 4294967296.0, turn = sbl__hash((uint32_t)at + 1u) / 4294967296.0;
     double area = 0, before = 0;
     int i, number = 0;
-    if (b->states[at].bright != SBL__BRIGHT) return SBL_SUCCESS;
+    if (b->states[at].bright != SBL__BRIGHT ||
+        !(sbl__hit_patch(b->store, &b->points[b->states[at].first].at) & SBL__PATCH_FLAT)) return SBL_SUCCESS;
     for (i = 0; i < l->glow_count; i++)
         if (l->glows[i].leaf == (uint32_t)at) area += sbl__glow_area(&l->glows[i]);
     for (i = 0; i < l->glow_count; i++) {
