@@ -17822,7 +17822,8 @@ static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
     for (i = 0; i < chosen; i++) {
         sbl__bright_cell cell;
         sbl__cell_of_leaf(b, to->list[i].leaf, &cell);
-        for (k = 0; k < 54 && cell.patch & SBL__PATCH_FLAT; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
+        if (!(cell.patch & SBL__PATCH_FLAT)) continue;
+        for (k = 0; k < 54; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
             const uint32_t at[3] = { cell.at[0] + (uint32_t)(k % 3) - 1u, cell.at[1] + (uint32_t)(k / 3 % 3) - 1u,
                                      cell.at[2] + (uint32_t)(k / 9 % 3) - 1u };
             uint32_t check;
