@@ -17950,18 +17950,16 @@ static double sbl__glow_area(const sbl__glow *glow) {
 /* Adds a site on a glow. u, v: coordinates from 0 to 1; if they are uniform, positions on the triangle are, too */
 static void sbl__bright_add_site(sbl__bounce *b, const sbl__glow *glow, double u, double v, uint32_t number) {
     const uint32_t triangle = b->core->scene.hierarchy.order[glow->triangle];
-    const uint32_t patch = b->store->patches[triangle];
-    const double second = sqrt(u) * (1 - v), third = sqrt(u) * v;
     const sbl__hit *first = &b->points[b->states[glow->leaf].first].at;
+    const int back = ((sbl__hit_patch(b->store, first) ^ b->store->patches[triangle]) & SBL__PATCH_BACK) != 0;
+    const double second = sqrt(u) * (1 - v), third = sqrt(u) * v;
     sbl__site *site = &b->sites[b->site_count++];
-    uint32_t side = triangle << 1;
     int k;
-    side |= ((sbl__hit_patch(b->store, first) ^ patch) & SBL__PATCH_BACK) != 0;
     memset(site, 0, sizeof *site);
     for (k = 0; k < 3; k++)
         site->position[k] = (float)((1 - second - third) * glow->corner_0[k] + second * glow->corner_1[k] +
                                     third * glow->corner_2[k]);
-    site->offset = sbl__side_offset(b->geometry, side, site->normal);
+    site->offset = sbl__side_offset(b->geometry, triangle << 1 | (uint32_t)back, site->normal);
     memcpy(site->geometric_normal, site->normal, sizeof site->normal);
     site->number = number;
     site->looks = 1;
