@@ -7374,16 +7374,19 @@ static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *
     for (k = 0; k < 3; k++) lamp->normal[k] = (float)axis[k];
 }
 
+/* Returns the area of a glow. normal: receives a normal of any length */
+static double sbl__glow_area(const sbl__glow *glow, double normal[3]) {
+    const float *corners[3] = { glow->corner_0, glow->corner_1, glow->corner_2 };
+    sbl__triangle_normal(corners, normal);
+    return 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+}
+
 static void sbl__lamp_of_glow(const sbl__glow *glow, int number, sbl__lamp *lamp) {
     const double zero[3] = { 0, 0, 0 };
-    const float *corners[3];
-    double normal[3], area;
+    const float *const corners[3] = { glow->corner_0, glow->corner_1, glow->corner_2 };
+    double normal[3];
+    const double area = sbl__glow_area(glow, normal);
     int k;
-    corners[0] = glow->corner_0;
-    corners[1] = glow->corner_1;
-    corners[2] = glow->corner_2;
-    sbl__triangle_normal(corners, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     if (!sbl__normalize(normal)) return;
     sbl__lamp_make(lamp, SBL__LAMP_GLOW << SBL__LAMP_KIND_SHIFT | (uint32_t)number, zero, 0,
                    SBL__MAX(area * sbl__sum3(glow->radiance), SBL__POWER_LEAST), 0);
@@ -17023,6 +17026,18 @@ static int sbl__point_is_suspect(const sbl__bounce *b, int point) {
     return hit < end;
 }
 
+/* Adds a site at a position on a side of a triangle. number: see sbl__site */
+static sbl__site *sbl__solution_add_site(sbl__bounce *b, const float position[3], uint32_t side, uint32_t number) {
+    sbl__site *site = &b->sites[b->site_count++];
+    memset(site, 0, sizeof *site);
+    memcpy(site->position, position, sizeof site->position);
+    site->offset = sbl__side_offset(b->geometry, side, site->normal);
+    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
+    site->number = number;
+    site->looks = 1;
+    return site;
+}
+
 /* Adds a site for a point whose light is not measured or, if glows are measured, for each point at which b->glows
    requires it. */
 static sbl_result sbl__solution_site(void *work, int at) {
@@ -17031,13 +17046,7 @@ static sbl_result sbl__solution_site(void *work, int at) {
     sbl__site *site;
     if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
     if (b->glows == SBL__GLOWS_AT_BRIGHT && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
-    site = &b->sites[b->site_count++];
-    memset(site, 0, sizeof *site);
-    memcpy(site->position, hit->position, sizeof site->position);
-    site->offset = sbl__side_offset(b->geometry, hit->side, site->normal);
-    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
-    site->number = (uint32_t)at;
-    site->looks = 1;
+    site = sbl__solution_add_site(b, hit->position, hit->side, (uint32_t)at);
     site->suspect = !b->glows && sbl__point_is_suspect(b, at);
     return SBL_SUCCESS;
 }
@@ -17936,34 +17945,18 @@ static sbl_result sbl__bright_sites_make(void *work, sbl__slice *slice) {
     return sbl__solution_make_sites(b, bright * SBL__BRIGHT_SITES);
 }
 
-static double sbl__glow_area(const sbl__glow *glow) {
-    double u[3], v[3], across[3];
-    int k;
-    for (k = 0; k < 3; k++) {
-        u[k] = (double)glow->corner_1[k] - glow->corner_0[k];
-        v[k] = (double)glow->corner_2[k] - glow->corner_0[k];
-    }
-    sbl__cross(u, v, across);
-    return 0.5 * sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]);
-}
-
 /* Adds a site on a glow. u, v: coordinates from 0 to 1; if they are uniform, positions on the triangle are, too */
 static void sbl__bright_add_site(sbl__bounce *b, const sbl__glow *glow, double u, double v, uint32_t number) {
     const uint32_t triangle = b->core->scene.hierarchy.order[glow->triangle];
     const sbl__hit *first = &b->points[b->states[glow->leaf].first].at;
     const int back = ((sbl__hit_patch(b->store, first) ^ b->store->patches[triangle]) & SBL__PATCH_BACK) != 0;
     const double second = sqrt(u) * (1 - v), third = sqrt(u) * v;
-    sbl__site *site = &b->sites[b->site_count++];
+    float position[3];
     int k;
-    memset(site, 0, sizeof *site);
     for (k = 0; k < 3; k++)
-        site->position[k] = (float)((1 - second - third) * glow->corner_0[k] + second * glow->corner_1[k] +
-                                    third * glow->corner_2[k]);
-    site->offset = sbl__side_offset(b->geometry, triangle << 1 | (uint32_t)back, site->normal);
-    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
-    site->number = number;
-    site->looks = 1;
-    site->suspect = 1;
+        position[k] = (float)((1 - second - third) * glow->corner_0[k] + second * glow->corner_1[k] +
+                              third * glow->corner_2[k]);
+    sbl__solution_add_site(b, position, triangle << 1 | (uint32_t)back, number)->suspect = 1;
 }
 
 /* Adds the sites of a bright leaf on a flat patch: positions that are spread evenly over its glows. On other patches,
@@ -17973,14 +17966,14 @@ static sbl_result sbl__bright_sites(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__lamps *l = &b->core->scene.bright;
     const double start = sbl__hash((uint32_t)at) / 4294967296.0, turn = sbl__hash((uint32_t)at + 1u) / 4294967296.0;
-    double area = 0, before = 0;
+    double area = 0, before = 0, normal[3];
     int i, number = 0;
     if (b->states[at].bright != SBL__BRIGHT ||
         !(sbl__hit_patch(b->store, &b->points[b->states[at].first].at) & SBL__PATCH_FLAT)) return SBL_SUCCESS;
     for (i = 0; i < l->glow_count; i++)
-        if (l->glows[i].leaf == (uint32_t)at) area += sbl__glow_area(&l->glows[i]);
+        if (l->glows[i].leaf == (uint32_t)at) area += sbl__glow_area(&l->glows[i], normal);
     for (i = 0; i < l->glow_count; i++) {
-        const double own = l->glows[i].leaf == (uint32_t)at ? sbl__glow_area(&l->glows[i]) : 0;
+        const double own = l->glows[i].leaf == (uint32_t)at ? sbl__glow_area(&l->glows[i], normal) : 0;
         for (; own > 0 && number < SBL__BRIGHT_SITES; number++) {
             const double u = ((number + start) / SBL__BRIGHT_SITES * area - before) / own;
             if (u >= 1) break;
@@ -17990,12 +17983,6 @@ static sbl_result sbl__bright_sites(void *work, int at) {
         before += own;
     }
     return SBL_SUCCESS;
-}
-
-static int sbl__bright_after_sites(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    sbl__solution_measure(b, SBL_MODE_DIRECT, b->site_count);
-    return SBL__BOUNCE_SPREAD_LIGHT;
 }
 
 /* Gives all points of a bright leaf the mean light of lamps that was measured at its sites, and corrects the light of
@@ -18029,12 +18016,20 @@ static int sbl__bright_take(sbl__bounce *b, int first) {
     return end;
 }
 
-/* Takes the light of lamps on bright leaves, and makes the glows of those that are still bright. */
+/* Gives bright leaves the light of lamps that was measured on them. Then the glows of the leaves that are still bright
+   are made again. */
 static int sbl__bright_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i = 0;
     while (i < b->site_count) i = sbl__bright_take(b, i);
     return sbl__bright_renew(b);
+}
+
+static int sbl__bright_after_sites(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    if (!b->site_count) return sbl__bright_after_light(b);
+    sbl__solution_measure(b, SBL_MODE_DIRECT, b->site_count);
+    return SBL__BOUNCE_SPREAD_LIGHT;
 }
 
 /* Computes the light of a bright leaf again, from the light of glows that was measured at its points. The leaf was

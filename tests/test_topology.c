@@ -2542,7 +2542,7 @@ TEST(the_cheapest_split_is_chosen) {
                 }
             }
         }
-        /* all axes have the same triangles */
+        /* The next lines give all axes the same number of triangles. */
         b.task.count = SBL__MAX(counted[0], SBL__MAX(counted[1], counted[2]));
         for (axis = 0; axis < 3; axis++) s->counts[axis][SBL__BVH_BINS / 2] += b.task.count - counted[axis];
         for (axis = 0; axis < 3; axis++)
