@@ -365,7 +365,7 @@
    Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
    stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
    store's rays have found it. Geometry of a draw callback neither blocks nor reflects light between other surfaces;
-   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
+   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as on meshes.
 
 
    ON REFLECTIONS
@@ -386,8 +386,8 @@
    second is the specular lobe. A surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1
    - Fd) of the light straight through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light.
 
-   Channels: at pixel centres (sbl_picture_desc.samples = 1), and except for the light that panes in front of the
-   surface add themselves:
+   Channels: at pixel centres (sbl_picture_desc.samples = 1), and without the light that panes in front of the surface
+   add:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
@@ -500,11 +500,11 @@
    the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
    median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
    of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a texel that
-   sees back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and is
-   treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
-   treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
-   faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
-   texels see back faces, none of these rules applies.
+   sees mostly back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and
+   is treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface, such
+   as a texel below a floor that a chair's foot pierces, is also treated in this way. Such a texel has three properties:
+   more than 80 % of the surfaces that it sees are back faces, these cover more than a tenth of its hemisphere, and the
+   nearest surface is less than two texels away. If most lit texels see back faces, none of these rules applies.
 
    Sides: a texel shows the light on one side of its triangle: the side to which the normals point or, without normals,
    the side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain,
@@ -992,7 +992,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(OUTSIDE, "triangles lie outside of a lightmap")                                     \
     X(NO_LIGHT, "nothing in the scene emits light")                                       \
     X(SCALE, "the scene is too small, too large or too far from the origin")              \
-    X(INVALID_STORE, "saved light is damaged, or is no saved light")                      \
+    X(INVALID_STORE, "saved light is damaged, or the data are not saved light")           \
     X(OTHER_STORE, "saved light belongs to another scene, version or machine")            \
     X(COARSE_STORE, "saved light was made with fewer cells than max_bounce_cells")        \
     X(LOST_RAYS, "the driver did not trace some rays to their ends")                      \
@@ -1158,8 +1158,8 @@ typedef struct sbl_material {
     int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
     int normal_texture;    /* number of the texture of normals, counted from 1; 0: none; see ON REFLECTIONS. Its format
                               should be SBL_PIXELS_LINEAR8 */
-    float normal_scale;    /* factor of x and y of these normals, -1000 to 1000. 0: 1 */
-    int light_group;       /* number of the light group of its emission, see ON LIGHT GROUPS: 0 to
+    float normal_scale;    /* factor of x and y of the texture's normals, -1000 to 1000; 0 means 1 */
+    int light_group;       /* number of the light group of the emission, see ON LIGHT GROUPS: 0 to
                               sbl_scene_desc.light_groups - 1; 0 if there are no groups */
 } sbl_material;
 
@@ -1204,10 +1204,11 @@ typedef struct sbl_light {
                                  makes shadows soft; 0: a point */
     float angle;              /* directional: angular diameter, 0 (a point) to 180 degrees; the sun has 0.53 */
     float cone;               /* spot: full angle of the cone that receives light, degrees, up to 180. Default: 90 */
-    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone. At an
-                                 angle a from the axis between the cones, the light is multiplied by s * s, where s =
-                                 (cos a - cos(cone / 2)) / (cos(inner_cone / 2) - cos(cone / 2)). Default: 0 */
-    int light_group;          /* number of its light group, as in sbl_material */
+    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
+                                 Between the two cones, the light is multiplied by s * s, where s =
+                                 (cos a - cos(cone / 2)) / (cos(inner_cone / 2) - cos(cone / 2)), and a is the angle
+                                 to the axis. Default: 0 */
+    int light_group;          /* number of the light group, as in sbl_material */
 } sbl_light;
 
 /* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
@@ -1268,8 +1269,8 @@ typedef struct sbl_draw_view {
                                  Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
                                  SBL_MODE_GI: the light, with all bounces, that meshes, lights and sky send to
                                  draw_bounds. Other modes: epsilon */
-    int sensor, face;         /* SBL_VIEW_SENSOR: number of the look among those that are measured together; number of
-                                 the view, where view 0 looks along the normal */
+    int sensor, face;         /* SBL_VIEW_SENSOR: number of the look, counted over all draws that measure one list of
+                                 sites; number of the view, where view 0 looks along the normal */
 } sbl_draw_view;
 
 typedef void (*sbl_draw_function)(const sbl_draw_view *view, void *user);
@@ -1355,8 +1356,9 @@ typedef struct sbl_options {
     sbl_mode mode;             /* light to compute; SBL_MODE_PAPER: only pictures and readings. Default: SBL_MODE_GI */
     sbl_preset preset;         /* selects the defaults of other fields. Default: SBL_PRESET_DEFAULT */
     sbl_backend backend;       /* how sensors collect light. Default: SBL_BACKEND_AUTO */
-    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; for vertices that
-                                  of each point; for probes the number over the whole sphere, 64 to 65536.
+    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; in
+                                  sbl_vertices_desc, the sensor is that of one point; in sbl_probes_desc, the number of
+                                  rays over the whole sphere, 64 to 65536.
                                   Default of pictures and lightmaps: as many as the target error requires. If set, a
                                   sensor takes exactly one look of that many rays.
                                   Default of readings: 64 / 256 / 1024.
@@ -1365,9 +1367,9 @@ typedef struct sbl_options {
                                   Readings and vertices: if set, exactly this many rays are traced. If not set, at most
                                   16 are traced if light comes from lamps alone (never in SBL_MODE_GI), because they
                                   then only find hit_share, back_share, hit_mean, hit_min and valid.
-                                  Rays towards lamps come in addition (if views are drawn, they are the only rays):
-                                  about as many again at most. Probes send them for each of their 320 normals: a 64th
-                                  of rays, but at least 32 and at most 256 */
+                                  A sensor also sends rays towards lamps, at most about as many. If views are drawn,
+                                  these are its only rays. Probes send rays / 64 of them, but at least 32 and at most
+                                  256, for each of their 320 normals */
     int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512.
                                   Default: 32 / 64 / 128. Default of probes: 8 / 16 / 32 */
     float epsilon;             /* ambient factor: a surface that does not emit has the radiance epsilon * albedo.
@@ -1514,7 +1516,7 @@ typedef struct sbl_stats {
                                      lightmaps also those of hidden texels; pictures, lightmaps and vertices use the
                                      light of neighbours instead */
         int64_t views;            /* number of views drawn, over all looks */
-        int64_t texels;           /* number of texels in these views */
+        int64_t texels;           /* number of texels in all views drawn */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
         int readbacks;            /* number of transfers from GPU to host */
         double microseconds;      /* seconds.total / sites, as in the paper, in microseconds */
@@ -1569,7 +1571,8 @@ typedef struct sbl_site {
     float position[3];          /* world position */
     float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
     float geometric_normal[3];  /* direction in which the sensor is moved off the surface. Default (all zero): normal */
-    float offset;               /* world distance that the sensor moves. Default: what rounding requires. Negative: 0 */
+    float offset;               /* world distance by which the sensor is moved off the surface. Default: what rounding
+                                   requires. Negative: 0 */
 } sbl_site;
 
 /* The light at a site. */
@@ -1698,9 +1701,9 @@ typedef struct sbl_probes_desc {
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
     int probe_count;           /* number of probes; with positions, 0 or more. Default without positions: number of
                                   points of the grid from first_probe on */
-    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS): its point in the grid, 0
-                                  to the number of points - 1; with positions, the number of positions[0], such that
-                                  all numbers fit into an int. Default: 0 */
+    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS). Without positions: index
+                                  of its point in the grid. With positions: number of the probe at the first position;
+                                  first_probe + probe_count must fit into an int. Default: 0 */
     int grid[3];               /* without positions: number of probes along x, y and z, 1 to 16384; x runs fastest, then
                                   y. They are at the centres of equal boxes that fill lowest to highest. Default (all
                                   zero): no grid, so positions must be set */
@@ -1730,11 +1733,11 @@ typedef struct sbl_vertices_desc {
     float *groups;             /* NULL, or receives the parts of R that the light groups of the scene cause: for each
                                   group as many floats as for R, one group after the other; see ON LIGHT GROUPS. Must
                                   stay valid likewise. Default: NULL */
-    size_t group_float_count;  /* number of floats that groups has room for */
-    int samples;               /* number of points on a triangle that has the mean area of its mesh or, if this is less,
-                                  1 / 512 of the square of the diagonal of the scene's bounds, 1 to 1024. Others have
-                                  points in proportion to their area: at most 8 * samples, and at least 4, or samples if
-                                  it is less. Default: 4 / 8 / 16 */
+    size_t group_float_count;  /* number of floats that groups has room for, at least 3 per vertex and light group */
+    int samples;               /* number of points on a triangle of reference area, 1 to 1024. The reference area is the
+                                  mean area of the mesh's triangles, but at most 1 / 512 of the squared diagonal of the
+                                  scene's bounds. Other triangles have points in proportion to their area, at least
+                                  min(4, samples) and at most 8 * samples. Default: 4 / 8 / 16 */
     int average;               /* 1: each vertex gets the mean of the points around it instead of the least-squares fit.
                                   This is smoother, and wrong where light changes within large triangles. Default: 0 */
     float smoothing;           /* weight of the rule that the slope of the light agrees on triangles that share an edge,
@@ -1905,10 +1908,10 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_d
 SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
-   filled when the work is done; its readings or probes are filled from the first to the last during the work. Results:
-   INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
-   (vertices). */
+   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Light at vertices
+   is written when the work is done; readings and probes are written during the work, from the first to the last.
+   Results: INVALID_ARGUMENT (of all wrong sites or positions, only the first 16 are logged), STATE (no scene),
+   OUT_OF_MEMORY (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
@@ -2010,8 +2013,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
 #endif /* SBL_INCLUDED */
 
-/* Stop here if you only want to use it: all that follows is the implementation. If something looks wrong, its chapter
-   SYMPTOMS tells where to look, and its GLOSSARY explains words. */
+/* Stop here if you only want to use sbl.h: all that follows is the implementation. If something looks wrong, the
+   chapter SYMPTOMS below tells where to look, and the chapter GLOSSARY explains words. */
 
 #ifdef SBL_IMPLEMENTATION
 #ifndef SBL_IMPLEMENTATION_INCLUDED
@@ -2140,12 +2143,12 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    patch        sbl__patch        >>store               neighbouring triangles that form one smooth surface
    cell                                                 the part of a patch in one cube of the store's grid
    cut                                                  a plane that divides a cell
-   leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
+   leaf         sbl__leaf         >>store               part of a cell, with one R; in >>bvh and >>lamps: of a tree
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a position where light is measured: in a leaf or on a triangle
    ring                                                 pixels equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
-   lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
+   lamp         sbl__lamp         >>lamps               an emitting triangle, light, bright sky texel, or a >>glow
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
    atlas        sbl__atlas        >>atlas               the map of a lightmap: its texels and their triangles
    chart                                                triangles that touch in the world and in the atlas
@@ -3073,7 +3076,7 @@ typedef struct sbl__record {
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
-#define SBL__CHILD_NUMBER 0x0fffffffu
+#define SBL__CHILD_NUMBER 0x0fffffffu  /* mask of the index in a reference */
 #define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
 #define SBL__LAMP_LOCAL_LIGHT 1u
 #define SBL__LAMP_DISTANT_LIGHT 2u
@@ -3156,8 +3159,8 @@ typedef struct sbl__record {
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
-#define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
-                                          diffuse component is then ignored */
+#define SBL__MIRROR_DIFFUSE 0.02f      /* MIRROR_SEEN applies only to surfaces with a diffuse albedo of at most this,
+                                          whose diffuse component is then ignored */
 #define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
@@ -3167,10 +3170,11 @@ typedef struct sbl__record {
                                           the lobe */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of metal where rays hit it, see reflect.glsl */
-#define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
+#define SBL__BLURRED_GLOSS 0.15f       /* lower limit of the roughness of gloss where rays hit it */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
-                                          itself. The height of a lamp is relative to the scene's extent; that of a
-                                          sensor is relative to the distance of the lamp's image or, if the lamp is at
+                                          itself. The height of a lamp is relative to the scene's extent or, if the lamp
+                                          is at infinity, the cosine between its direction and the normal. The height of
+                                          a sensor is relative to the distance of the lamp's image or, if the lamp is at
                                           infinity, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
@@ -3181,9 +3185,9 @@ typedef struct sbl__record {
                                           (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes sensors on a
                                           sphere see the sphere */
 
-#define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
-#define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold the number of steps of its
-                                          rays through the hierarchy, in that unit */
+#define SBL__STEPS_UNIT 4              /* lamps.glsl divides the number of steps of rays by this */
+#define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold (number of steps of its rays
+                                          through the hierarchy) / STEPS_UNIT */
 
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -3391,7 +3395,8 @@ typedef struct sbl__device {
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* assumed number of invocations that occupy the whole device; fewer take as long */
+    int lot;                 /* assumed number of invocations that occupy the whole device; a smaller number takes as
+                                long */
 } sbl__device;
 
 /* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL creates no object, logs
@@ -3939,7 +3944,8 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to whole lots (see sbl__device.lot), at least one. invocations: number per item */
+/* Rounds a number of items to whole lots (see sbl__device.lot), at least one. invocations: number of invocations per
+   item */
 static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
@@ -4104,8 +4110,8 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
    most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
    because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
    by PACE_FALL of the difference. If the cost is even below PACE_FAR times the estimate, the estimate falls by
-   PACE_FAR_FALL of the difference: it was then wrong, perhaps because the driver compiled a shader in an earlier
-   submission. */
+   PACE_FAR_FALL of the difference, because the estimate was then wrong: perhaps the driver compiled a shader in an
+   earlier submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -4135,7 +4141,8 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can become expensive again. Returns like sbl__gl_check. */
+   and falls slowly, because work that was cheap a few times can become expensive again. Returns the result of
+   sbl__gl_check. */
 static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -4167,8 +4174,8 @@ typedef struct sbl__stage_row {
 /* The progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
-    int at;     /* index of the next iteration of a loop, or a counter that another stage uses as it likes. A stage
-                   begins with 0 */
+    int at;     /* index of the next iteration of a loop; stages that are no loops use it as a counter of their own.
+                   It is 0 when a stage begins */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many iterations of its loop as the slice allows. Returns SBL_SUCCESS if
@@ -4634,7 +4641,7 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* The material of a mesh, and its id. The other fields are as in sbl_material:
+/* The material of a mesh, and the mesh's id. These fields differ from those of sbl_material:
    id               sbl_mesh.id or, if that is 0, the mesh's index + 1
    ..._texture      first row in the texel table, width, height, and SBL__TEXTURE flags; all 0: no texture
    reflectance      of the part that is not metal, along the normal; negative: the material is matte
@@ -4682,7 +4689,7 @@ typedef struct sbl__geometry {
     float extent;                  /* diagonal + farthest, in world units; 1 if this is 0. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
                                       and distances in the view texture are multiples of it */
-    float hosts_extent;            /* extent for positions that the host gives, which are relative to 0 0 0 */
+    float hosts_extent;            /* `extent` if positions are relative to 0 0 0, as the host gives them */
     sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour, indices */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
@@ -5370,9 +5377,9 @@ typedef struct sbl__solver {
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity matrix */
     double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
-    double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
-                                   when the equations change. Later solutions thus need the same absolute precision as
-                                   the first, even if they change less */
+    double most2[3];            /* per system: largest first2 of all solutions since the caller set most2 to 0. Callers
+                                   do so when the matrix changes. Later solutions, which start closer to their result,
+                                   thus need the same absolute precision as the first, and not a higher one */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
                                    stays 0 */
@@ -5380,7 +5387,7 @@ typedef struct sbl__solver {
     double *residual;           /* at the start, the right-hand side of the equations */
     double *direction, *product;  /* search direction; matrix * direction */
     sbl__solver_sums sums[3];
-    int rounds;
+    int rounds;                 /* number of iterations of this solution so far */
 } sbl__solver;
 
 static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
@@ -6451,8 +6458,8 @@ static float sbl__box_area(const sbl__box *b) {
    coordinates */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
-   element of sbl__bvh_building.children whose last word receives the index of the node */
+/* A node that remains to be built, over elements first .. first + count - 1 of sbl__hierarchy.order. child: index of
+   the element of sbl__bvh_building.children whose last word receives the index of the node */
 typedef struct sbl__bvh_task {
     int first, count, depth, child;
     sbl__grid_node grid;
@@ -7165,7 +7172,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 
 #define SBL__PLANES 64                /* maximum number of flat surfaces that are considered as mirrors of lamps */
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
-#define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
+#define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between the planes of triangles of a flat surface,
+                                         as a fraction of the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
 #define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first child is at most this * its own
                                          radius */
@@ -7174,13 +7182,13 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
 #define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: outer minus inner cone, as a fraction of
-                                         the outer cone. A cone is measured as 1 - cosine of its angle */
+                                         the outer cone. A cone is measured as 1 - cosine of half its angle */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CONE_MOST 1.57f          /* limit of half the angle of a cone, in radians. A lamp or cluster whose light
                                          needs a wider cone is treated as if it had none */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
-                                         curve, plus log2(number of lamps at one point) */
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 63, the number of bits in which
+                                         curve positions of a tree differ, plus log2(number of lamps at one point) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; see sbl__lamp_curve */
@@ -7192,18 +7200,18 @@ typedef struct sbl__lamp {
     int one_sided, distant;
 } sbl__lamp;
 
-/* Sums over the lamps of a cluster, and their bounds. shown: sum of `shown` in sbl__cluster_of_lamp. square: the
-   elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T; for a lamp that emits in all directions, the
-   identity matrix replaces normal * normal^T. cone: half the angle of a cone around `front` that contains the light of
-   all lamps, in radians, at most SBL__CONE_MOST */
+/* Sums over the lamps of a cluster, and their bounds. shown: sum of the powers, in which one-sided and distant lamps
+   count half. square: the elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T over the lamps; for a
+   lamp that emits in all directions, the identity matrix replaces normal * normal^T. cone: half the angle of a cone
+   around `front` that contains the light of all lamps, in radians, at most SBL__CONE_MOST */
 typedef struct sbl__cluster { double power, shown, square[6], front[3], cone; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
    lobe. */
 typedef struct sbl__plane {
     double normal[3], offset;
-    double own;                /* area * largest reflectance */
-    double weight;             /* at least `own`, see sbl__planes_add */
+    double own;                /* sum over its triangles: area * largest component of reflectance */
+    double weight;             /* `own`, plus the weight of the plane that this one has replaced, see sbl__planes_add */
     float reflectance[3], alpha;
     sbl__box bounds;
 } sbl__plane;
@@ -7327,7 +7335,7 @@ static void sbl__lamp_of_triangle(const sbl__lamp_trees *l, int index, sbl__lamp
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
-/* Returns 1 - cosine of half an angle in degrees, without the loss of digits that small angles would cause. */
+/* Returns 1 - cos(angle / 2), without the loss of digits that small angles would cause. angle: in degrees */
 static double sbl__versine(float angle) {
     const double sine = sin(0.25 * (double)angle * SBL__PI / 180);
     return 2 * sine * sine;
@@ -7464,8 +7472,8 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 }
 
 /* Sets the power of a lamp to 0 if the triangle of another lamp has the same corners and emits at least from the same
-   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Solid triangles
-   with both windings often stand for a surface with two sides. */
+   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Scenes often
+   contain two triangles of opposite windings for a surface with two sides. */
 static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
@@ -7502,7 +7510,7 @@ static int sbl__lamp_trees_compact(void *work) {
     return l->stages.stage + 1;
 }
 
-/* Returns an upper limit of the number of lamps, without glows, for the size of the table. */
+/* Returns an upper limit of the number of lamps without glows, from which the size of the table follows. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -8019,7 +8027,7 @@ typedef struct sbl__store {
     int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
-    sbl__cell_bucket *cells;     /* buckets of the hash grid, including free ones */
+    sbl__cell_bucket *cells;   /* buckets of the hash grid, including free ones */
     int cell_capacity;         /* number of buckets: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
@@ -8129,9 +8137,9 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the leaf reference at the position (1 +
-   leaf index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is
-   added. */
+/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the reference of the leaf at the
+   position (1 + index of the leaf; 0: there is no leaf yet), or NULL if the cell gets no bucket. depth: receives the
+   number of cuts. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -8139,8 +8147,8 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
-   sbl__is_short). side: patch word of a triangle's side, with level 0 */
+/* Returns the patch word that sbl_leaf_at tries for a long ray (see sbl__is_short) at attempt 0 .. 2 * SBL__LEVELS - 1.
+   side: patch word of a triangle's side, with level 0 */
 static uint32_t sbl__patch_for_long(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
@@ -9451,7 +9459,8 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-#define SBL__MAX_SIZE 16384     /* maximum width and height of a picture or lightmap, in working pixels */
+#define SBL__MAX_SIZE 16384     /* maximum width and height of a picture in pixels, or of a lightmap in supersampled
+                                   texels */
 
 /* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
@@ -9565,7 +9574,8 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-/* Checks the list of meshes of a lightmap: all have lightmap_texcoords. Without a list, one mesh of the scene must. */
+/* Checks that all meshes in the list of a lightmap have lightmap_texcoords or, without a list, that at least one mesh
+   of the scene has them. */
 static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_desc *d, const sbl__geometry *g) {
     int i, lightmapped = 0;
     sbl__check_array(check, "mesh_count", d->mesh_count, d->meshes);
@@ -9809,10 +9819,11 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    around it are made, too. */
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
-   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. A window with a price has two more rings of first-level tiles: whether a tile is split depends
-   on the tiles of its own size beside it, whose splits depend on the sensors beyond them, and guides depend on scouts
-   around them. All sizes and positions are x and y in working pixels. */
+   tiles or of the picture, so that adjacent windows match. Its elements, the working pixels, are pixels of the picture
+   or supersampled texels of the lightmap. The error counts in all pixels that the filter and anti-aliasing read. A
+   window with a price has two more rings of first-level tiles, for two reasons. Whether a tile is split depends on the
+   tiles of its own size beside it, and their splits depend on the sensors beyond them. Guides depend on scouts around
+   them. All sizes and positions are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: position in the whole picture, and size */
@@ -11764,11 +11775,11 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
    a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
    >>scouts traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
-   A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
-   found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
-   distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
-   the guide raised the probability of its bin. The expected value stays the same, and the noise falls (scene
-   living-room: to a fifth of the variance).
+   A guide belongs to a pixel of this grid: a histogram, over the hemisphere, of the light that the scouts of the pixel
+   and of its neighbours found. Its bins are bands about the normal, divided into sectors; all bins have the same
+   probability under the cosine distribution. Sensors near the pixel sample directions by the guide, and divide a ray's
+   light by the factor by which the guide raised the probability of its bin. The expected value stays the same, and the
+   noise falls (scene living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -11798,7 +11809,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDES_MOST 16384
 #define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
 #define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
-#define SBL__SCOUTS_AWAY 5         /* a window sends scouts up to this number of half first-level tiles around it */
+#define SBL__SCOUTS_AWAY 5         /* scouts start from pixels up to this number of half first-level tiles outside of a
+                                      window's margin */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* A guide that receives the light that the scouts of the pixel sbl__guides.scout find */
@@ -11819,9 +11831,9 @@ typedef struct sbl__guides {
     int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
     int parallax_aware;         /* 1: the light of a scout is added to other guides in the directions in which their
                                    pixels see it, see sbl__scout_splat */
-    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
+    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of one pixel, see `scout` */
     int receiver_count;
-    int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
+    int scout;                  /* 1 + index in the grid of the pixel to whose scouts `receivers` belongs; 0: none */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
                                    NULL once the guides are made */
     uint32_t *words;            /* the guides, as guide.glsl reads them; SBL__GUIDE_WORDS per guide */
