@@ -5842,11 +5842,11 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "// view_direction: to the viewer\n",
 "sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {\n",
-"    vec3 across = view_direction - dot(view_direction, normal) * normal;\n",
-"    float size = length(across);\n",
+"    vec3 tangent = view_direction - dot(view_direction, normal) * normal;\n",
+"    float size = length(tangent);\n",
 "    float alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;\n",
 "    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, alpha);\n",
-"    if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);\n",
+"    if (size > 1e-4) l.frame = mat3(tangent / size, cross(normal, tangent / size), normal);\n",
 "    l.view = view_direction * l.frame;\n",
 "    l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));\n",
 "    return l;\n",
@@ -5907,9 +5907,9 @@ static const char *const sbl__glsl_lobe[] = {
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
 "// of the triangle; to_point: vector from the viewer to the point\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {\n",
-"    // Vectors are divided by `away` before they are multiplied, because the products would underflow.\n",
-"    float away = max(length(to_point), SBL_DIVISOR_LEAST);\n",
-"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);\n",
+"    // Vectors are divided by `size` before they are multiplied, because the products would underflow.\n",
+"    float size = max(length(to_point), SBL_DIVISOR_LEAST);\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
@@ -6071,7 +6071,7 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.\n",
+"// Returns sbl_emission_pattern, or 0 if the point lies in a hole: rays towards a lamp may also end in its holes.\n",
 "vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {\n",
 "    vec3 pattern = sbl_emission_pattern(object, at);\n",
 "    for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)\n",
@@ -6172,10 +6172,10 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 weight;  // factor of the radiance that the ray returns\n",
 "};\n",
 "\n",
-"// Samples the direction of light that a surface reflects, with a cosine distribution. across: normal of any\n",
+"// Samples the direction of light that a surface reflects, with a cosine distribution. face_normal: normal of any\n",
 "// length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square\n",
-"sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
-"    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
+"sbl_Bounce sbl_bounce(sbl_Material m, vec3 face_normal, vec3 to_receiver, vec2 u) {\n",
+"    vec3 normal = dot(face_normal, face_normal) > 0.0 ? normalize(face_normal) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
 "}\n",
 0 };
@@ -8942,8 +8942,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float along = length(x);\n",
 "    if (along < SBL_TANGENT_LEAST) return normal;\n",
 "    x /= along;\n",
-"    vec3 across = cross(normal, x);\n",
-"    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;\n",
+"    vec3 bitangent = cross(normal, x);\n",
+"    return v.x * x + v.y * (dot(bitangent, y) < 0.0 ? -bitangent : bitangent) + v.z * normal;\n",
 "}\n",
 "\n",
 "// Returns the normal-mapped shading normal, not normalised, at least SBL_GRAZING above the triangle's plane, on\n",
@@ -8965,18 +8965,18 @@ static const char *const sbl__glsl_surface[] = {
 "\n",
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
-"    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
+"    vec3 edges_cross = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
+"    float widest = max(max(abs(edges_cross.x), abs(edges_cross.y)), abs(edges_cross.z));\n",
 "    // short vectors are scaled first, because their squared length may underflow in normalize\n",
-"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
+"    vec3 face = normalize(widest > 1e-15 ? edges_cross : widest > 0.0 ? edges_cross / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
-"    s.least_height = f.size * length(across) / longest;\n",
+"    s.least_height = f.size * length(edges_cross) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
 "    // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the\n",
 "    // other surface, and see past it.\n",
 "    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
 "    for (int k = 0; k < 3; k++) {\n",
-"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
+"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(edges_cross) / side;\n",
 "        float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;\n",
 "        s.position += max(lacks, 0.0) / side * cross(face, sides[k]);\n",
 "    }\n",
@@ -9026,7 +9026,8 @@ static const char *const sbl__glsl_surface[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// Returns the surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
+"// Returns the surface point seen from the front: the side to which the vertex normals point (see\n",
+"// sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
@@ -9345,11 +9346,11 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* Checks the options. papers: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0.
+/* Checks the options. paper: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0.
    host_draws: 1: the scene has a draw callback */
-static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
+static void sbl__check_options(sbl__check *check, const sbl_options *o, int paper, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
-    if (o->mode == SBL_MODE_PAPER && !papers)
+    if (o->mode == SBL_MODE_PAPER && !paper)
         sbl__mistake(check, "options.mode is SBL_MODE_PAPER; only pictures and readings have it");
     sbl__check_int(check, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
     sbl__check_int(check, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
@@ -9536,14 +9537,14 @@ static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
 /* Returns the descriptor, with defaults, of the picture that refines a lightmap: its size is the lightmap's times
    supersample, if that fits. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
-    const int across = sbl__supersample_fits(d) ? d->supersample : 1;
+    const int factor = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
     int i;
     memset(&picture, 0, sizeof picture);
     picture.options = d->options;
-    picture.width = d->width * across;
-    picture.height = d->height * across;
-    for (i = 0; i < 4; i++) picture.window[i] = SBL__MIN(SBL__MAX(d->window[i], -1), SBL__MAX_SIZE + 1) * across;
+    picture.width = d->width * factor;
+    picture.height = d->height * factor;
+    for (i = 0; i < 4; i++) picture.window[i] = SBL__MIN(SBL__MAX(d->window[i], -1), SBL__MAX_SIZE + 1) * factor;
     picture.target_error = d->target_error;
     memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
     picture.price = d->price;
@@ -9607,8 +9608,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     }
     sbl__check_int(&check, "supersample", d->supersample, 1, 8);
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most %d", d->supersample,
-                     d->width, d->height, SBL__MAX_SIZE);
+        sbl__mistake(&check, "supersample is %d; width and height, %d x %d, times supersample must be at most %d",
+                     d->supersample, d->width, d->height, SBL__MAX_SIZE);
     sbl__check_lightmap_meshes(&check, d, &scene->geometry);
     return sbl__check_end(&check);
 }
@@ -9773,8 +9774,8 @@ static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
         if (d->lowest[k] > d->highest[k])
-            sbl__mistake(check, "lowest[%d] is %g; highest[%d], %g, is less", k, (double)d->lowest[k], k,
-                         (double)d->highest[k]);
+            sbl__mistake(check, "lowest[%d] is %g; it must be at most highest[%d], which is %g", k,
+                         (double)d->lowest[k], k, (double)d->highest[k]);
 }
 
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
@@ -9977,7 +9978,7 @@ typedef struct sbl__atlas {
                                    side, the triangle on the other side of the edge, or SBL__NONE */
     sbl__hash_table ends;       /* finds sides by their ends */
     unsigned char *marks;       /* per triangle: 0, or 1 + its distance in triangles from a sharp edge */
-    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
+    float *distances2;          /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
                                    number of triangles that overlap it there, see sbl__atlas_others */
     int charts;                 /* number of charts */
@@ -9998,7 +9999,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->beside);
     sbl__hash_table_free(base, &a->ends);
     sbl__free(base, a->marks);
-    sbl__free(base, a->away);
+    sbl__free(base, a->distances2);
     memset(a, 0, sizeof *a);
 }
 
@@ -10027,8 +10028,8 @@ static sbl_result sbl__atlas_make(sbl__atlas *a) {
     const size_t texels = (size_t)a->width * (size_t)a->height;
     a->parents = (uint32_t *)sbl__alloc_raw(a->base, (size_t)a->geometry->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(a->base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc(a->base, texels, sizeof *a->away);
-    return a->parents && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    a->distances2 = (float *)sbl__alloc(a->base, texels, sizeof *a->distances2);
+    return a->parents && a->texels && a->distances2 ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
@@ -10194,7 +10195,7 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
 /* Returns how many triangles overlap the triangle that a texel shows, at the texel's centre. A triangle of the same
    chart counts only if the centre lies well inside both. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
-    return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
+    return a->distances2 && a->distances2[texel] < 0 ? (float)ceil(-(double)a->distances2[texel]) - 1 : 0;
 }
 
 /* Counts a texel of the window when its first overlap is found, and warns about the first such texel. triangle: the
@@ -10225,18 +10226,18 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
     uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
     double weights[3];
-    const float away = (float)sbl__atlas_nearest(t, centre, weights);
-    const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is an integer, ATLAS_EDGE -
-                                                                              n is not */
+    const float distance2 = (float)sbl__atlas_nearest(t, centre, weights);
+    const int well = distance2 <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
+    const double was = (double)a->distances2[i];
+    const int was_well = floor(was) >= was;  /* SBL__ATLAS_WELL - n is an integer, SBL__ATLAS_EDGE - n is not */
     float floats[2];
-    if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
+    if (distance2 < 0 && a->distances2[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, at, i);
-        a->away[i] -= 1;
+        a->distances2[i] -= 1;
         return;
     }
-    if (!(away < (texel[0] ? a->away[i] : SBL__ATLAS_FAR))) return;
-    a->away[i] = away;
+    if (!(distance2 < (texel[0] ? a->distances2[i] : SBL__ATLAS_FAR))) return;
+    a->distances2[i] = distance2;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
     floats[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
@@ -10386,9 +10387,9 @@ static uint32_t sbl__atlas_locate(const sbl__atlas_square *s, int i, double weig
     sbl__r2(i, u);
     for (k = 0; k < 2; k++) at[k] = s->low[k] + u[k] * (s->high[k] - s->low[k]);
     for (n = 0; n < s->count; n++) {
-        const double away = sbl__atlas_nearest(&s->triangles[n], at, weights);
-        if (away >= 0) continue;
-        if (away > (double)SBL__ATLAS_WELL) sbl__atlas_inset(&s->triangles[n], weights);
+        const double distance2 = sbl__atlas_nearest(&s->triangles[n], at, weights);
+        if (distance2 >= 0) continue;
+        if (distance2 > (double)SBL__ATLAS_WELL) sbl__atlas_inset(&s->triangles[n], weights);
         return s->triangles[n].number;
     }
     return SBL__NONE;
@@ -10892,8 +10893,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces\n",
-"layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe\n",
-"                                             // w: sbl_Mirrored.stored\n",
+"layout(location = 6) out vec4 out_specular;  // rgb: directional albedo of the specular lobe, 0: no lobe; w:\n",
+"                                             // sbl_Mirrored.stored\n",
 "layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no\n",
 "                                             // lobe\n",
 "#endif\n",
@@ -12078,7 +12079,7 @@ static const char *const sbl__glsl_layers[] = {
 
 /* >>glsl invocation: shaders_embedded/invocation.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_invocation[] = {
-"// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see\n",
+"// Code of reduce_blocks.glsl and of all programs that trace rays for sensors or for the store. Each look (see\n",
 "// >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one\n",
 "// invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute\n",
 "// shaders, in which the invocations of a slot have consecutive indices.\n",
@@ -12306,8 +12307,8 @@ static const char *const sbl__glsl_lamp[] = {
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced\n",
-"const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays\n",
-"                                    // would meet the sensor's own surface\n",
+"const float SBL_LIGHT_LEAST = 16.0;  // lower limit of (distance to a point on a light) / above: shorter rays would\n",
+"                                     // meet the sensor's own surface\n",
 "\n",
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
@@ -12317,7 +12318,8 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the\n",
 "                               // centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
-"    float away, radius, sine2; // light: distance, radius, squared sine of half the subtended angle\n",
+"    float distance, radius;    // light: distance of its centre from the sensor; radius\n",
+"    float sine2;               // light: squared sine of half the angle that it subtends\n",
 "    ivec2 texel;               // texel: column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number\n",
 "                               // is -1\n",
@@ -12385,15 +12387,15 @@ static const char *const sbl__glsl_lamp[] = {
 "        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
 "            l.corner -= position;\n",
 "            l.radius = l.sine2;\n",
-"            l.away = length(l.corner);\n",
-"            l.corner /= max(l.away, 1e-30);\n",
+"            l.distance = length(l.corner);\n",
+"            l.corner /= max(l.distance, 1e-30);\n",
 "            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)\n",
 "            float spot = clamp(sbl_light_spot_offset(int(at)) -\n",
 "                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);\n",
 "            // The sensor may be inside the light.\n",
-"            if (l.away < l.radius) { l.corner = sensor_normal; l.away = l.radius; spot = 1.0; }\n",
-"            l.brightness *= spot * spot / (l.away * l.away);\n",
-"            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
+"            if (l.distance < l.radius) { l.corner = sensor_normal; l.distance = l.radius; spot = 1.0; }\n",
+"            l.brightness *= spot * spot / (l.distance * l.distance);\n",
+"            l.sine2 = min(l.radius * l.radius / (l.distance * l.distance), 1.0);\n",
 "        }\n",
 "    }\n",
 "    return l;\n",
@@ -12413,9 +12415,9 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Returns the form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum\n",
 "// (1760) over the edges of the part above the horizon adds, for each edge, the angle that it subtends times z of\n",
-"// the unit normal of the plane through the edge and the sensor. For a small, distant triangle, rounding would\n",
-"// spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to\n",
-"// 4e-6).\n",
+"// the unit normal of the plane through the edge and the sensor. For a triangle that is small and far away,\n",
+"// rounding would spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative\n",
+"// error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
@@ -12459,7 +12461,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Returns R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate, and above 0 if\n",
 "// any part of the texel is above the horizon.\n",
-"vec3 sbl_unhindered(sbl_Lamp l) {\n",
+"vec3 sbl_unobstructed(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
@@ -12474,7 +12476,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its\n",
 "// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along\n",
 "// the normal is approximate.\n",
-"mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
+"mat3x4 sbl_unobstructed_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 integral = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -12617,8 +12619,9 @@ static const char *const sbl__glsl_lamp[] = {
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
-"            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
-"            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
+"            s.distance = l.distance * (1.0 - versine) -\n",
+"                         sqrt(max(l.radius * l.radius - l.distance * l.distance * r * r, 0.0));\n",
+"            s.distance = max(s.distance, max(SBL_LIGHT_LEAST * above, 1e-18));\n",
 "        }\n",
 "    }\n",
 "    s.light *= max(dot(sensor_normal, s.direction), 0.0);\n",
@@ -12688,8 +12691,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
 "// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure\n",
 "// the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct\n",
-"// illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray towards a\n",
-"// cluster picks one of its lamps, in proportion to their light.\n",
+"// illumination and stochastic shadows\". If there are many lamps, those that are far away form clusters; a ray\n",
+"// towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -12705,8 +12708,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const bool inspected = true, directional = false;\n",
 "uniform int invocations;              // number of invocations that measured the look, see sbl__aim\n",
 "uniform int sheet_slot;               // slot of the look's views in the view texture\n",
-"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
-"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
+"SBL_OUT(0, out_light);                // a ray: rgb: its light; a: 0: not traced, 1: reached the lamp, 2: blocked.\n",
+"                                      // An entry: rgb: its unobstructed R; a: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
 "SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
@@ -12729,7 +12732,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because stronger lamps may be\n",
 "                                    // hidden\n",
 "const float SBL_FAVOUR_MOST = 1e6;  // upper limit of the factor by which the strengths of glows are increased\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries into their array; each attempt\n",
+"                                    // doubles the opening\n",
 "#ifdef SBL_LOBE\n",
 "const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
 "                                    // of one facing does not use the ratio seen / open for these lamps,\n",
@@ -12842,11 +12846,11 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "// Returns the R (divided by `unit`) that an unobstructed lamp causes at the sensor. With SBL_LOBE, returns the\n",
-"// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form of the\n",
-"// cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns 0, because\n",
-"// the mirror's rays find the lamps.\n",
+"// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form for the\n",
+"// transformed cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns\n",
+"// 0, because the mirror's rays find the lamps.\n",
 "vec3 sbl_expected(sbl_Lamp l) {\n",
-"    vec3 light = sbl_unhindered(l);\n",
+"    vec3 light = sbl_unobstructed(l);\n",
 "#ifdef SBL_LOBE\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) light *= lobe_scale * sbl_lobe_factor(lobe, l.corner) + SBL_LOBE_STRENGTH;\n",
 "    if (lobe.alpha == 0.0) light = vec3(0);\n",
@@ -12855,9 +12859,9 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LOBE\n",
-"// Returns the factor of the linearly transformed cosine for light from a direction: the result of sbl_lobe_factor,\n",
-"// divided by the lobe's albedo, if the lobe were this cosine. The closed form of a lamp is its light in the\n",
-"// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
+"// A linearly transformed cosine approximates the lobe, and the closed form of a lamp is its light in this cosine.\n",
+"// Returns the factor of the cosine for light from a direction, as sbl_lobe_factor / albedo is for the lobe. Rays\n",
+"// measure the fraction of the light that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
 "    float length2 = dot(w, w), cosine = dot(direction, sensor_normal);\n",
@@ -12865,7 +12869,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns true if sbl_unhindered(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.\n",
+"// Returns true if sbl_unobstructed(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.\n",
 "bool sbl_has_closed_form(sbl_Lamp l) {\n",
 "#ifdef SBL_LOBE\n",
 "    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;\n",
@@ -12903,7 +12907,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (!point && sbl_has_closed_form(l)) {\n",
 "            whole += outerProduct(light, l.facing);\n",
 "            sbl_add_layers(whole_layers, l, light);\n",
-"            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
+"            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unobstructed_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -12983,8 +12987,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// form times the ratio seen / open, unless its facing is sparse. All other lamps give the mean of the rays' light,\n",
 "// which `sampled` sums, except that `sure` sums the exact light of the `certain` point lights. With SBL_LOBE,\n",
 "// `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with\n",
-"                                              // it\n",
+"mat2x3 open = mat2x3(0);                      // by facing: light of the rays, if none of them were obstructed\n",
+"mat2x3 seen = mat2x3(0);                      // by facing: light of the rays that arrives at the sensor\n",
 "vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
@@ -12997,7 +13001,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`\n",
 "#endif\n",
 "vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough\n",
-"vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of unblocked, of blocked rays and rim samples\n",
+"vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of rays and rim samples that arrive; number of\n",
+"                                              // those that do not\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
 "#ifdef SBL_GROUPS\n",
@@ -13007,37 +13012,37 @@ static const char *const sbl__glsl_lamps[] = {
 "vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction\n",
 "bool reporting;                                     // true: sbl_shoot reports its ray\n",
 "\n",
-"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
+"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: the lamp is a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;\n",
-"    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;\n",
+"    vec3 light = s.light / p.chance, to = s.direction, unobstructed = light;\n",
 "#ifdef SBL_LOBE\n",
-"    unhindered *= sbl_cosine_factor(s.direction);\n",
+"    unobstructed *= sbl_cosine_factor(s.direction);\n",
 "    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
 "    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
 "    vec4 to_harmonics = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
-"    vec3 either = light + unhindered;\n",
+"    vec3 either = light + unobstructed;\n",
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
 "    if (directional)\n",
 "        to_harmonics = sbl_harmonics(s.direction, sensor_normal,\n",
 "                                     1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
 "        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);\n",
-"        open += outerProduct(unhindered, l.facing);\n",
-"        sbl_add_layers(open_layers, l, unhindered);\n",
+"        open += outerProduct(unobstructed, l.facing);\n",
+"        sbl_add_layers(open_layers, l, unobstructed);\n",
 "        samples += l.facing;\n",
 "#ifdef SBL_LOBE\n",
-"        float weight = dot(unhindered, SBL_LUMINANCE);\n",
+"        float weight = dot(unobstructed, SBL_LUMINANCE);\n",
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
 "    if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);\n",
-"    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(ray_origin, to / away,\n",
-"                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);\n",
+"    float to_length = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
+"    float limit = s.distance < SBL_UNBOUNDED ? to_length * SBL_BEFORE_LAMP : SBL_UNBOUNDED;\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / to_length, limit, SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
@@ -13045,7 +13050,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
-"        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);\n",
+"        report_direction = vec4(point ? vec3(0) : to / to_length, p.leaf);\n",
 "    }\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) blocked += l.facing;\n",
@@ -13055,9 +13060,9 @@ static const char *const sbl__glsl_lamps[] = {
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
-"    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
+"    float unfiltered = max(dot(unobstructed, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
 "    light *= filtered;\n",
-"    unhindered *= filtered;\n",
+"    unobstructed *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
 "    mat3x4 harmonics = outerProduct(to_harmonics, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
@@ -13072,14 +13077,14 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(light, SBL_LUMINANCE);\n",
 "        squares += mean * mean;\n",
 "    } else {\n",
-"        seen += outerProduct(unhindered, l.facing);\n",
-"        sbl_add_layers(seen_layers, l, unhindered);\n",
+"        seen += outerProduct(unobstructed, l.facing);\n",
+"        sbl_add_layers(seen_layers, l, unobstructed);\n",
 "        lit += l.facing;\n",
-"        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;\n",
+"        float factor = filtered == vec3(1) ? 1.0 : dot(unobstructed, SBL_LUMINANCE) / unfiltered;\n",
 "        factors += factor * l.facing;\n",
 "        factor_squares += factor * factor * l.facing;\n",
 "#ifdef SBL_LOBE\n",
-"        vec3 rest = light - unhindered;\n",
+"        vec3 rest = light - unobstructed;\n",
 "        float mean = dot(rest, SBL_LUMINANCE);\n",
 "        sampled += rest;\n",
 "        squares += mean * mean;\n",
@@ -13541,7 +13546,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
 "layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor (Ck of the paper); a: distance\n",
 "                                             // along the view's axis in scene extents, negative for a back face\n",
-"in vec3 clip;                               // x, y and w of the position in clip space\n",
+"in vec3 clip;                                // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // in texels\n",
 "uniform float radiance_scale;\n",
 "uniform int first_triangle;                  // index in the scene of the draw call's first triangle\n",
@@ -13789,8 +13794,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;               // width and height of a block, in texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
-"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0\n",
+"SBL_OUT(1, out_hits);            // of texels that show surfaces: sum of weights; sum of weight * distance; least\n",
+"                                 // distance; 0\n",
+"uniform sampler2D directions;    // with SBL_DIRECTIONAL: direction of each texel of a sheet, if the rotation is 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
