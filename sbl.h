@@ -353,10 +353,10 @@
    reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
-   where two small bright areas send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
-   windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
-   of 1.5 %, and sbl_stats.picture.expected_error says so.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, and in a staircase room with 130 emitting triangles; 1 % in a room
+   where two small bright areas send nearly all light; 2 % in a furnished room of 130,000 triangles with sky light from
+   windows; 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target of
+   1.5 %, and sbl_stats.picture.expected_error says so.
 
    Large scenes: cells are small where rays between surfaces are short, even if nearly all surfaces lie elsewhere. In a
    room 2 across on a ground 1,000 across, the error of the light is at most 2 %, and on a ground 10,000 across at most
@@ -414,9 +414,9 @@
    mirrors do not show these lights.
 
    Mirrors: here, a mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02. Most metals
-   have such an albedo. A pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is
-   seen directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. The lobes of other
-   smooth surfaces are measured by rays.
+   have such a diffuse albedo. A pixel shows the surface that is seen in a mirror as sharp and as exact as a surface
+   that is seen directly. At most 8 mirrors and 56 panes may be on the way; each further pane counts as a mirror. The
+   lobes of other smooth surfaces are measured by rays.
 
    Channels in mirrors: all channels belong to the surface that is seen. RADIANCE, SPECULAR, NORMAL, POSITION, ID and
    DEPTH (negative if the surface lies behind the camera) are unchanged. ALBEDO and SPECULAR_ALBEDO are multiplied by
@@ -497,14 +497,15 @@
    continues the light of each chart into the nearer half of this space.
 
    A texel shows the light of the part of its surface that can be seen. If an object lies on the texel's centre, or if
-   the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
-   median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
-   of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a texel that
-   sees mostly back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and
-   is treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface, such
-   as a texel below a floor that a chair's foot pierces, is also treated in this way. Such a texel has three properties:
-   more than 80 % of the surfaces that it sees are back faces, these cover more than a tenth of its hemisphere, and the
-   nearest surface is less than two texels away. If most lit texels see back faces, none of these rules applies.
+   the centre is in a narrow gap, rays search the texel for places from which light can leave. The texel then shows the
+   median over up to eight of these places. This needs traced sensors. A texel without such places is hidden. It gets
+   the light of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a
+   texel that sees mostly back faces and has less than a thousandth of the mean light lies inside a solid, or behind a
+   shell, and is treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a
+   surface, such as a texel below a floor that a chair's foot pierces, is also treated in this way. Such a texel has
+   three properties: more than 80 % of what it sees of surfaces are back faces, all surfaces together cover more than a
+   tenth of its hemisphere, and the nearest surface is less than two texels away. If lit texels see mostly back faces,
+   the rules about back faces do not apply.
 
    Sides: a texel shows the light on one side of its triangle: the side to which the normals point or, without normals,
    the side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain,
@@ -1870,11 +1871,11 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
    max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
-   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
-   another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
-   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
-   file that it did not write. The format has a version and a checksum. Loading drops work under way, even if it fails.
-   After a failed load the scene keeps the stored light that it had.
+   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs one of two items. SBL_LOG_ITEM_OTHER_STORE means that the
+   data are stored light, but of another scene (the message names the parts that differ), version or byte order, or are
+   too large for the driver's tables. SBL_LOG_ITEM_INVALID_STORE means that the data are damaged, or are not stored
+   light; a host can thus avoid overwriting a file that it did not write. The format has a version and a checksum.
+   Loading drops work under way, even if it fails. After a failed load the scene keeps the stored light that it had.
    put, get: called for some bytes at a time; they return the number of bytes written or read; a number other than
    `bytes` is an error. user: passed to put or get.
    Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
@@ -3137,9 +3138,9 @@ typedef struct sbl__record {
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
 #define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
                                           most this */
-#define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
-                                          viewer or, if there is no viewer, the face normal; also of the cosine between
-                                          the ray that a mirror reflects and the face normal */
+#define SBL__GRAZING 0.01              /* lower limit of two cosines: between a shading normal and the direction to the
+                                          viewer (the face normal, if there is no viewer); and between the ray that a
+                                          mirror reflects and the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
 #define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
                                           this */
@@ -3179,11 +3180,11 @@ typedef struct sbl__record {
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: if rays are
-                                          traced, of the triangle's reach (sbl_Surface.reach in surface.glsl), if it is
-                                          known; otherwise of the scene's extent, because depth buffers are imprecise
-                                          (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes sensors on a
-                                          sphere see the sphere */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of the triangle's reach
+                                          (sbl_Surface.reach in surface.glsl). If the reach is unknown, or if views are
+                                          drawn, whose depth buffers are imprecise, it is a fraction of the scene's
+                                          extent (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes
+                                          sensors on a sphere see the sphere */
 
 #define SBL__STEPS_UNIT 4              /* lamps.glsl divides the number of steps of rays by this */
 #define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold (number of steps of its rays
@@ -4106,12 +4107,12 @@ static int sbl__late(sbl__slice *s) {
    the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
-   most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
-   because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
-   by PACE_FALL of the difference. If the cost is even below PACE_FAR times the estimate, the estimate falls by
-   PACE_FAR_FALL of the difference, because the estimate was then wrong: perhaps the driver compiled a shader in an
-   earlier submission. */
+/* A submission is planned to take PACE_MARGIN times the rest of the slice, which it may overrun occasionally. It is
+   planned to take at most PACE_CAUTION times the longest allowed submission, which it should not exceed. But it is
+   planned to take at least PACE_LEAST seconds, because the wait after each submission takes time too. If a measured
+   cost is below the estimate, the estimate falls by PACE_FALL of the difference. If the cost is even below PACE_FAR
+   times the estimate, the estimate falls by PACE_FAR_FALL of the difference, because the estimate was then wrong:
+   perhaps the driver compiled a shader in an earlier submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -5011,10 +5012,10 @@ static void sbl__geometry_move_origin(const sbl__base *base, sbl__geometry *g, c
 }
 
 /* Moves the origin of all positions if the scene is far from it: to the middle of the scene's bounds or, if the scene
-   is near 0 0 0, to 0 0 0. Positions are floats, and offsets of sensors and insets of surface points must exceed the
-   rounding errors of these (see SBL__OFFSET and surface.glsl), which are then proportional to the size of the scene
-   instead of its distance. The new origin does not depend on the old one, so that a mesh that moves away and back gives
-   the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
+   is near 0 0 0, to 0 0 0. Positions are floats. Offsets of sensors and insets of surface points must exceed the
+   rounding errors of positions (see SBL__OFFSET and surface.glsl). With the new origin, these errors are proportional
+   to the size of the scene instead of its distance. The new origin does not depend on the old one, so that a mesh that
+   moves away and back gives the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     static const float zero[3] = { 0, 0, 0 };
     float middle[3];
@@ -6229,10 +6230,11 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
 
 /* Computes the world direction of a texel's centre. sbl_sky_direction in sky.glsl uses the same mapping. */
 static void sbl__environment_direction(const sbl__environment *e, int x, int y, double out[3]) {
-    const double angle = SBL__PI * (y + 0.5) / e->height, around = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
+    const double angle = SBL__PI * (y + 0.5) / e->height, azimuth = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
     int k;
     for (k = 0; k < 3; k++)
-        out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
+        out[k] = sin(angle) * (cos(azimuth) * e->axes[0][k] + sin(azimuth) * e->axes[2][k]) +
+                 cos(angle) * e->axes[1][k];
 }
 
 /* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. Sets c[3] to 0. */
@@ -6340,14 +6342,14 @@ static const char *const sbl__glsl_sky[] = {
 "// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
 "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
-"    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
-"    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
+"    float azimuth = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
+"    return vec2(0.5 + azimuth, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
 "}\n",
 "\n",
-"// Inverse of sbl_sky_at: returns the world direction for a position in the picture. across: 0 to 1 from left to\n",
+"// Inverse of sbl_sky_at: returns the world direction for a position in the picture. u: 0 to 1 from left to\n",
 "// right; z: cosine of the angle between the direction and sky_up\n",
-"vec3 sbl_sky_direction(float across, float z) {\n",
-"    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
+"vec3 sbl_sky_direction(float u, float z) {\n",
+"    float angle = 2.0 * SBL_PI * (u - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
 "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
 "}\n",
 "\n",
@@ -6412,10 +6414,10 @@ SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl
    origin           position of step 0
    per_length       steps per unit of length
    root             index of the grid's first node
-   around           index of the outer grid; 0 in the outermost grid, whose own index is 0 */
+   outer            index of the grid around this one; 0 in the outermost grid, whose own index is 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
-    X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
+    X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, outer)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
 /* The triangles in the order of the leaves, which is the hierarchy's order. number: the triangle's index in the scene.
@@ -6617,7 +6619,7 @@ static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uin
 }
 
 /* Appends a grid over a box, with a margin of one step on each side, in place of the next node. */
-static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
+static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t outer) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
     const int node = h->node_count++;
     sbl__grid_node grid;
@@ -6630,7 +6632,7 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
         grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
     grid.root = (uint32_t)node + 1;
-    grid.around = around;
+    grid.outer = outer;
     memcpy(&h->building->children[2 * node], &grid, sizeof grid);
     return grid;
 }
@@ -7019,7 +7021,7 @@ static const char *const sbl__glsl_traverse[] = {
 "            per = inverse / sbl_grid_per_length(grid);\n",
 "            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
 "            if ((node & 0xf0000000u) == SBL_ENTER) {\n",
-"                stack[++top] = SBL_LEAVE | sbl_grid_around(grid);\n",
+"                stack[++top] = SBL_LEAVE | sbl_grid_outer(grid);\n",
 "                node = sbl_grid_root(grid);\n",
 "            } else node = stack[top--];\n",
 "            leaf = false;\n",
@@ -7121,8 +7123,8 @@ static const char *const sbl__glsl_traverse[] = {
    front            sum of power * normal / 2 of one-sided and of distant lamps
    beyond           index of the node after the subtree, plus flags: SBL__DISTANT_NODE, SBL__SPOT_NODE
    first_leaf       index of the subtree's first leaf
-   If a cone narrower than a hemisphere contains the light of all lamps, which are spotlights (SBL__SPOT_NODE), front is
-   the axis of this cone, a unit vector, and square[0] is half its angle in radians. */
+   SBL__SPOT_NODE means that all lamps are spotlights, and that a cone narrower than a hemisphere contains their light.
+   Then front is the axis of this cone, a unit vector, and square[0] is half its angle in radians. */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -7302,8 +7304,8 @@ static sbl_result sbl__lamps_make(sbl__base *base, sbl__lamps *l, const sbl_ligh
 /* >>lamps: collecting */
 
 /* Makes a lamp that emits in all directions, or a distant lamp. middle: its position, or the direction towards it.
-   around: half the side of its bounds. power: pi * the lamp's power */
-static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
+   half_side: half the side of its bounds, a cube. power: pi * the lamp's power */
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double half_side, double power,
                            int distant) {
     int k;
     lamp->code = code;
@@ -7311,8 +7313,8 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     lamp->cone = SBL__CONE_MOST;
     for (k = 0; k < 3; k++) {
-        lamp->bounds.low[k] = (float)(middle[k] - around);
-        lamp->bounds.high[k] = (float)(middle[k] + around);
+        lamp->bounds.low[k] = (float)(middle[k] - half_side);
+        lamp->bounds.high[k] = (float)(middle[k] + half_side);
         if (distant) lamp->normal[k] = (float)middle[k];
     }
 }
@@ -7560,10 +7562,10 @@ static sbl_result sbl__lamp_trees_sort(void *work, sbl__slice *slice) {
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
-            const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
-            if (l->out == run) { l->left = run; l->right = middle; }
+            const int second = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
+            if (l->out == run) { l->left = run; l->right = second; }
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (l->right == end || (l->left < middle && l->list[l->left].curve <= l->list[l->right].curve))
+            if (l->right == end || (l->left < second && l->list[l->left].curve <= l->list[l->right].curve))
                 l->sorted[l->out++] = l->list[l->left++];
             else l->sorted[l->out++] = l->list[l->right++];
         }
