@@ -1442,7 +1442,7 @@ typedef struct sbl_picture_desc {
                                   tone, only sbl_stats.picture.exposure shows them. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
                                   linear, 0 to 1, at the lower edge; towards the upper edge, it fades to 0.3 of this
-                                  colour. It lights nothing. Default: 0 */
+                                  colour. The backdrop lights nothing. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1619,8 +1619,8 @@ typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
     int window[4];             /* the part of the map to bake, texels: x and y of its first texel, its width and its
-                                  height. It has no gutters, and its seams stay; sbl_join_windows makes them for the
-                                  whole map. See ON PARTS. Default: all 0, the whole map */
+                                  height. A window has no gutters, and its seams stay; sbl_join_windows makes gutters
+                                  and seams of the whole map. See ON PARTS. Default: all 0, the whole map */
     const int *meshes;         /* indices of the meshes that are baked, all with lightmap_texcoords; read when the
                                   lightmap begins. Default: all meshes that have them */
     int mesh_count;            /* number of entries in meshes */
@@ -1641,8 +1641,9 @@ typedef struct sbl_lightmap_desc {
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in positions of `supersample`, which are
-                                  texels if it is 1. Default: 8, or 4 with options.ray_length. It is half of a
-                                  picture's, because objects that cover parts of a wall leave no edges in its chart */
+                                  texels if it is 1. Default: 8, or 4 with options.ray_length. 8 is half of a
+                                  picture's default, because an object that covers a part of a wall leaves no edge in
+                                  the wall's chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
                                   their true normals, see ON LIGHTMAPS. At twice this height or more, shading normals
@@ -1760,8 +1761,8 @@ typedef struct sbl_sensor_view {
 
 /* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It
-                                 emits or, in SBL_MODE_GI, reflects very much light */
+    SBL_LAMP_TRIANGLE = 0,    /* a triangle that emits or, in SBL_MODE_GI, reflects very much light; number: its
+                                 index in its mesh, not counting triangles without area */
     SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
     SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
@@ -1821,8 +1822,8 @@ typedef struct sbl_sensor {
     int view_count;           /* number of entries in views; 0 if rays were traced */
     sbl_sensor_view views[5];
     int sheet_width, sheet_height;  /* size of the sheet in texels */
-    const sbl_sensor_ray *rays;     /* ray_count rays: first those over the hemisphere, then those towards lamps. They
-                                       are owned by sbl.h and valid until the next inspection, begin or end */
+    const sbl_sensor_ray *rays;     /* ray_count rays: first those over the hemisphere, then those towards lamps.
+                                       Owned by sbl.h; valid until the next inspection, sbl_begin_... or sbl_end */
     const sbl_sensor_lamp *lamps;   /* lamp_count lamps; owned by sbl.h, valid as long as rays */
     int ray_count, lamp_count;
 } sbl_sensor;
@@ -1859,12 +1860,13 @@ SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *des
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
-/* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
-   Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
-   which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
-   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps changes so much that the scene
-   needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+/* Replaces all materials, or all lights, of the scene by the same number of others; element i replaces number i.
+   Textures keep their numbers. Work under way is dropped. If only emission or lights have changed, the update of the
+   bounced light traces no ray between surfaces again, unless sbl_end has freed the store's rays. The cells of the store
+   then keep their sizes, which suited the former light; after large changes, sbl_set_scene gives more exact light.
+   Other changes discard the store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps
+   changes so much that the scene needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the
+   scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -2214,7 +2216,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
-   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
+   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Results must not depend on the
+   sizes of these pieces. */
 
 #include <float.h>
 #include <limits.h>
@@ -4081,7 +4084,8 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 }
 
 /* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th iteration. The size of a piece
-   of GPU work is computed from the time that earlier pieces of its kind took. Neither may change a result. */
+   of GPU work is computed from the time that earlier pieces of its kind took. Results must not depend on the sizes of
+   pieces. */
 
 /* The time limits of one call of sbl_step */
 typedef struct sbl__slice {
