@@ -5382,9 +5382,9 @@ typedef struct sbl__solver {
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity matrix */
     double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
-    double most2[3];            /* per system: largest first2 of all solutions since the caller set most2 to 0. Callers
-                                   do so when the matrix changes. Later solutions, which start closer to their result,
-                                   thus need the same absolute precision as the first, and not a higher one */
+    double most2[3];            /* per system: largest first2 of all solutions since the caller set most2 to 0, as it
+                                   must for each new problem. Later solutions of a problem, which start closer to their
+                                   result, thus need the same absolute precision as the first, and not a higher one */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
                                    stays 0 */
