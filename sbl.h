@@ -353,10 +353,10 @@
    reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a room
-   where two small bright areas send nearly all light, 2 % in a furnished room of 130,000 triangles with sky light from
-   windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target
-   of 1.5 %, and sbl_stats.picture.expected_error says so.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, and in a staircase room with 130 emitting triangles; 1 % in a room
+   where two small bright areas send nearly all light; 2 % in a furnished room of 130,000 triangles with sky light from
+   windows; 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, the error exceeds the default target of
+   1.5 %, and sbl_stats.picture.expected_error says so.
 
    Large scenes: cells are small where rays between surfaces are short, even if nearly all surfaces lie elsewhere. In a
    room 2 across on a ground 1,000 across, the error of the light is at most 2 %, and on a ground 10,000 across at most
@@ -365,7 +365,7 @@
    Limits: surfaces with an albedo above 0.98 reflect bounced light as if it were 0.98, so that the sum of all bounces
    stays finite. A small bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the
    store's rays have found it. Geometry of a draw callback neither blocks nor reflects light between other surfaces;
-   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
+   towards sensors it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as on meshes.
 
 
    ON REFLECTIONS
@@ -386,8 +386,8 @@
    second is the specular lobe. A surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1
    - Fd) of the light straight through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light.
 
-   Channels: at pixel centres (sbl_picture_desc.samples = 1), and except for the light that panes in front of the
-   surface add themselves:
+   Channels: at pixel centres (sbl_picture_desc.samples = 1), and without the light that panes in front of the surface
+   add:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
@@ -414,9 +414,9 @@
    mirrors do not show these lights.
 
    Mirrors: here, a mirror is a surface of a roughness below 0.08 with a diffuse albedo of at most 0.02. Most metals
-   have such an albedo. A pixel shows the surface that is seen in a mirror, as sharp and as exact as a surface that is
-   seen directly, by way of at most 8 mirrors and 56 panes; each further pane counts as a mirror. The lobes of other
-   smooth surfaces are measured by rays.
+   have such a diffuse albedo. A pixel shows the surface that is seen in a mirror as sharp and as exact as a surface
+   that is seen directly. At most 8 mirrors and 56 panes may be on the way; each further pane counts as a mirror. The
+   lobes of other smooth surfaces are measured by rays.
 
    Channels in mirrors: all channels belong to the surface that is seen. RADIANCE, SPECULAR, NORMAL, POSITION, ID and
    DEPTH (negative if the surface lies behind the camera) are unchanged. ALBEDO and SPECULAR_ALBEDO are multiplied by
@@ -497,14 +497,15 @@
    continues the light of each chart into the nearer half of this space.
 
    A texel shows the light of the part of its surface that can be seen. If an object lies on the texel's centre, or if
-   the centre is in a narrow gap, rays search the texel for places from which light can leave, and the texel shows the
-   median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the light
-   of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a texel that
-   sees back faces and has less than a thousandth of the mean light lies inside a solid, or behind a shell, and is
-   treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a surface is
-   treated so, too, such as one below the floor that a chair's foot pierces: more than 80 % of what it sees are back
-   faces, these cover more than a tenth of its hemisphere, and the nearest is less than two texels away. If most lit
-   texels see back faces, none of these rules applies.
+   the centre is in a narrow gap, rays search the texel for places from which light can leave. The texel then shows the
+   median over up to eight of these places. This needs traced sensors. A texel without such places is hidden. It gets
+   the light of its neighbours, because its own darkness would show beside the object that hides it. In SBL_MODE_GI a
+   texel that sees mostly back faces and has less than a thousandth of the mean light lies inside a solid, or behind a
+   shell, and is treated in the same way. In other modes, it must see nothing but back faces. A texel close behind a
+   surface, such as a texel below a floor that a chair's foot pierces, is also treated in this way. Such a texel has
+   three properties: more than 80 % of what it sees of surfaces are back faces, all surfaces together cover more than a
+   tenth of its hemisphere, and the nearest surface is less than two texels away. If lit texels see mostly back faces,
+   the rules about back faces do not apply.
 
    Sides: a texel shows the light on one side of its triangle: the side to which the normals point or, without normals,
    the side on which the corners run counter-clockwise. If a viewer also sees the other side, for example of a curtain,
@@ -992,7 +993,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(OUTSIDE, "triangles lie outside of a lightmap")                                     \
     X(NO_LIGHT, "nothing in the scene emits light")                                       \
     X(SCALE, "the scene is too small, too large or too far from the origin")              \
-    X(INVALID_STORE, "saved light is damaged, or is no saved light")                      \
+    X(INVALID_STORE, "saved light is damaged, or the data are not saved light")           \
     X(OTHER_STORE, "saved light belongs to another scene, version or machine")            \
     X(COARSE_STORE, "saved light was made with fewer cells than max_bounce_cells")        \
     X(LOST_RAYS, "the driver did not trace some rays to their ends")                      \
@@ -1158,8 +1159,8 @@ typedef struct sbl_material {
     int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
     int normal_texture;    /* number of the texture of normals, counted from 1; 0: none; see ON REFLECTIONS. Its format
                               should be SBL_PIXELS_LINEAR8 */
-    float normal_scale;    /* factor of x and y of these normals, -1000 to 1000. 0: 1 */
-    int light_group;       /* number of the light group of its emission, see ON LIGHT GROUPS: 0 to
+    float normal_scale;    /* factor of x and y of the texture's normals, -1000 to 1000; 0 means 1 */
+    int light_group;       /* number of the light group of the emission, see ON LIGHT GROUPS: 0 to
                               sbl_scene_desc.light_groups - 1; 0 if there are no groups */
 } sbl_material;
 
@@ -1204,10 +1205,11 @@ typedef struct sbl_light {
                                  makes shadows soft; 0: a point */
     float angle;              /* directional: angular diameter, 0 (a point) to 180 degrees; the sun has 0.53 */
     float cone;               /* spot: full angle of the cone that receives light, degrees, up to 180. Default: 90 */
-    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone. At an
-                                 angle a from the axis between the cones, the light is multiplied by s * s, where s =
-                                 (cos a - cos(cone / 2)) / (cos(inner_cone / 2) - cos(cone / 2)). Default: 0 */
-    int light_group;          /* number of its light group, as in sbl_material */
+    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
+                                 Between the two cones, the light is multiplied by s * s, where s =
+                                 (cos a - cos(cone / 2)) / (cos(inner_cone / 2) - cos(cone / 2)), and a is the angle
+                                 to the axis. Default: 0 */
+    int light_group;          /* number of the light group, as in sbl_material */
 } sbl_light;
 
 /* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
@@ -1268,8 +1270,8 @@ typedef struct sbl_draw_view {
                                  Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
                                  SBL_MODE_GI: the light, with all bounces, that meshes, lights and sky send to
                                  draw_bounds. Other modes: epsilon */
-    int sensor, face;         /* SBL_VIEW_SENSOR: number of the look among those that are measured together; number of
-                                 the view, where view 0 looks along the normal */
+    int sensor, face;         /* SBL_VIEW_SENSOR: number of the look, counted over all draws that measure one list of
+                                 sites; number of the view, where view 0 looks along the normal */
 } sbl_draw_view;
 
 typedef void (*sbl_draw_function)(const sbl_draw_view *view, void *user);
@@ -1355,8 +1357,9 @@ typedef struct sbl_options {
     sbl_mode mode;             /* light to compute; SBL_MODE_PAPER: only pictures and readings. Default: SBL_MODE_GI */
     sbl_preset preset;         /* selects the defaults of other fields. Default: SBL_PRESET_DEFAULT */
     sbl_backend backend;       /* how sensors collect light. Default: SBL_BACKEND_AUTO */
-    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; for vertices that
-                                  of each point; for probes the number over the whole sphere, 64 to 65536.
+    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; in
+                                  sbl_vertices_desc, the sensor is that of one point; in sbl_probes_desc, the number of
+                                  rays over the whole sphere, 64 to 65536.
                                   Default of pictures and lightmaps: as many as the target error requires. If set, a
                                   sensor takes exactly one look of that many rays.
                                   Default of readings: 64 / 256 / 1024.
@@ -1365,9 +1368,9 @@ typedef struct sbl_options {
                                   Readings and vertices: if set, exactly this many rays are traced. If not set, at most
                                   16 are traced if light comes from lamps alone (never in SBL_MODE_GI), because they
                                   then only find hit_share, back_share, hit_mean, hit_min and valid.
-                                  Rays towards lamps come in addition (if views are drawn, they are the only rays):
-                                  about as many again at most. Probes send them for each of their 320 normals: a 64th
-                                  of rays, but at least 32 and at most 256 */
+                                  A sensor also sends rays towards lamps, at most about as many. If views are drawn,
+                                  these are its only rays. Probes send rays / 64 of them, but at least 32 and at most
+                                  256, for each of their 320 normals */
     int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512.
                                   Default: 32 / 64 / 128. Default of probes: 8 / 16 / 32 */
     float epsilon;             /* ambient factor: a surface that does not emit has the radiance epsilon * albedo.
@@ -1439,7 +1442,7 @@ typedef struct sbl_picture_desc {
                                   tone, only sbl_stats.picture.exposure shows them. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
                                   linear, 0 to 1, at the lower edge; towards the upper edge, it fades to 0.3 of this
-                                  colour. It lights nothing. Default: 0 */
+                                  colour. The backdrop lights nothing. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1514,7 +1517,7 @@ typedef struct sbl_stats {
                                      lightmaps also those of hidden texels; pictures, lightmaps and vertices use the
                                      light of neighbours instead */
         int64_t views;            /* number of views drawn, over all looks */
-        int64_t texels;           /* number of texels in these views */
+        int64_t texels;           /* number of texels in all views drawn */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
         int readbacks;            /* number of transfers from GPU to host */
         double microseconds;      /* seconds.total / sites, as in the paper, in microseconds */
@@ -1569,7 +1572,8 @@ typedef struct sbl_site {
     float position[3];          /* world position */
     float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
     float geometric_normal[3];  /* direction in which the sensor is moved off the surface. Default (all zero): normal */
-    float offset;               /* world distance that the sensor moves. Default: what rounding requires. Negative: 0 */
+    float offset;               /* world distance by which the sensor is moved off the surface. Default: what rounding
+                                   requires. Negative: 0 */
 } sbl_site;
 
 /* The light at a site. */
@@ -1615,8 +1619,8 @@ typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
     int window[4];             /* the part of the map to bake, texels: x and y of its first texel, its width and its
-                                  height. It has no gutters, and its seams stay; sbl_join_windows makes them for the
-                                  whole map. See ON PARTS. Default: all 0, the whole map */
+                                  height. A window has no gutters, and its seams stay; sbl_join_windows makes gutters
+                                  and seams of the whole map. See ON PARTS. Default: all 0, the whole map */
     const int *meshes;         /* indices of the meshes that are baked, all with lightmap_texcoords; read when the
                                   lightmap begins. Default: all meshes that have them */
     int mesh_count;            /* number of entries in meshes */
@@ -1637,8 +1641,9 @@ typedef struct sbl_lightmap_desc {
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in positions of `supersample`, which are
-                                  texels if it is 1. Default: 8, or 4 with options.ray_length. It is half of a
-                                  picture's, because objects that cover parts of a wall leave no edges in its chart */
+                                  texels if it is 1. Default: 8, or 4 with options.ray_length. 8 is half of a
+                                  picture's default, because an object that covers a part of a wall leaves no edge in
+                                  the wall's chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
                                   their true normals, see ON LIGHTMAPS. At twice this height or more, shading normals
@@ -1698,9 +1703,9 @@ typedef struct sbl_probes_desc {
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
     int probe_count;           /* number of probes; with positions, 0 or more. Default without positions: number of
                                   points of the grid from first_probe on */
-    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS): its point in the grid, 0
-                                  to the number of points - 1; with positions, the number of positions[0], such that
-                                  all numbers fit into an int. Default: 0 */
+    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS). Without positions: index
+                                  of its point in the grid. With positions: number of the probe at the first position;
+                                  first_probe + probe_count must fit into an int. Default: 0 */
     int grid[3];               /* without positions: number of probes along x, y and z, 1 to 16384; x runs fastest, then
                                   y. They are at the centres of equal boxes that fill lowest to highest. Default (all
                                   zero): no grid, so positions must be set */
@@ -1730,11 +1735,11 @@ typedef struct sbl_vertices_desc {
     float *groups;             /* NULL, or receives the parts of R that the light groups of the scene cause: for each
                                   group as many floats as for R, one group after the other; see ON LIGHT GROUPS. Must
                                   stay valid likewise. Default: NULL */
-    size_t group_float_count;  /* number of floats that groups has room for */
-    int samples;               /* number of points on a triangle that has the mean area of its mesh or, if this is less,
-                                  1 / 512 of the square of the diagonal of the scene's bounds, 1 to 1024. Others have
-                                  points in proportion to their area: at most 8 * samples, and at least 4, or samples if
-                                  it is less. Default: 4 / 8 / 16 */
+    size_t group_float_count;  /* number of floats that groups has room for, at least 3 per vertex and light group */
+    int samples;               /* number of points on a triangle of reference area, 1 to 1024. The reference area is the
+                                  mean area of the mesh's triangles, but at most 1 / 512 of the squared diagonal of the
+                                  scene's bounds. Other triangles have points in proportion to their area, at least
+                                  min(4, samples) and at most 8 * samples. Default: 4 / 8 / 16 */
     int average;               /* 1: each vertex gets the mean of the points around it instead of the least-squares fit.
                                   This is smoother, and wrong where light changes within large triangles. Default: 0 */
     float smoothing;           /* weight of the rule that the slope of the light agrees on triangles that share an edge,
@@ -1756,8 +1761,8 @@ typedef struct sbl_sensor_view {
 
 /* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It
-                                 emits or, in SBL_MODE_GI, reflects very much light */
+    SBL_LAMP_TRIANGLE = 0,    /* a triangle that emits or, in SBL_MODE_GI, reflects very much light; number: its
+                                 index in its mesh, not counting triangles without area */
     SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
     SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
@@ -1817,8 +1822,8 @@ typedef struct sbl_sensor {
     int view_count;           /* number of entries in views; 0 if rays were traced */
     sbl_sensor_view views[5];
     int sheet_width, sheet_height;  /* size of the sheet in texels */
-    const sbl_sensor_ray *rays;     /* ray_count rays: first those over the hemisphere, then those towards lamps. They
-                                       are owned by sbl.h and valid until the next inspection, begin or end */
+    const sbl_sensor_ray *rays;     /* ray_count rays: first those over the hemisphere, then those towards lamps.
+                                       Owned by sbl.h; valid until the next inspection, sbl_begin_... or sbl_end */
     const sbl_sensor_lamp *lamps;   /* lamp_count lamps; owned by sbl.h, valid as long as rays */
     int ray_count, lamp_count;
 } sbl_sensor;
@@ -1855,23 +1860,24 @@ SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *des
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
-/* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
-   Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then keep their sizes,
-   which suited the former light; after large changes, sbl_set_scene gives more exact light. Other changes discard the
-   store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps changes so much that the scene
-   needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+/* Replaces all materials, or all lights, of the scene by the same number of others; element i replaces number i.
+   Textures keep their numbers. Work under way is dropped. If only emission or lights have changed, the update of the
+   bounced light traces no ray between surfaces again, unless sbl_end has freed the store's rays. The cells of the store
+   then keep their sizes, which suited the former light; after large changes, sbl_set_scene gives more exact light.
+   Other changes discard the store. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (the number of lamps
+   changes so much that the scene needs tables of another kind: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the
+   scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
    max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
-   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
-   another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
-   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or are no stored light. A host can thus avoid overwriting a
-   file that it did not write. The format has a version and a checksum. Loading drops work under way, even if it fails.
-   After a failed load the scene keeps the stored light that it had.
+   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs one of two items. SBL_LOG_ITEM_OTHER_STORE means that the
+   data are stored light, but of another scene (the message names the parts that differ), version or byte order, or are
+   too large for the driver's tables. SBL_LOG_ITEM_INVALID_STORE means that the data are damaged, or are not stored
+   light; a host can thus avoid overwriting a file that it did not write. The format has a version and a checksum.
+   Loading drops work under way, even if it fails. After a failed load the scene keeps the stored light that it had.
    put, get: called for some bytes at a time; they return the number of bytes written or read; a number other than
    `bytes` is an error. user: passed to put or get.
    Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
@@ -1905,10 +1911,10 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_d
 SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Its radiance is
-   filled when the work is done; its readings or probes are filled from the first to the last during the work. Results:
-   INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
-   (vertices). */
+   desc: copied; NULL means all zeroes (for probes, this is an error, because there are no positions). Light at vertices
+   is written when the work is done; readings and probes are written during the work, from the first to the last.
+   Results: INVALID_ARGUMENT (of all wrong sites or positions, only the first 16 are logged), STATE (no scene),
+   OUT_OF_MEMORY (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
@@ -2010,8 +2016,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
 #endif /* SBL_INCLUDED */
 
-/* Stop here if you only want to use it: all that follows is the implementation. If something looks wrong, its chapter
-   SYMPTOMS tells where to look, and its GLOSSARY explains words. */
+/* Stop here if you only want to use sbl.h: all that follows is the implementation. If something looks wrong, the
+   chapter SYMPTOMS below tells where to look, and the chapter GLOSSARY explains words. */
 
 #ifdef SBL_IMPLEMENTATION
 #ifndef SBL_IMPLEMENTATION_INCLUDED
@@ -2140,12 +2146,12 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    patch        sbl__patch        >>store               neighbouring triangles that form one smooth surface
    cell                                                 the part of a patch in one cube of the store's grid
    cut                                                  a plane that divides a cell
-   leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
+   leaf         sbl__leaf         >>store               part of a cell, with one R; in >>bvh and >>lamps: of a tree
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a position where light is measured: in a leaf or on a triangle
    ring                                                 pixels equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
-   lamp         sbl__lamp         >>lamps               an emitting triangle, a light, a bright sky texel, or a glow
+   lamp         sbl__lamp         >>lamps               an emitting triangle, light, bright sky texel, or a >>glow
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
    atlas        sbl__atlas        >>atlas               the map of a lightmap: its texels and their triangles
    chart                                                triangles that touch in the world and in the atlas
@@ -2210,7 +2216,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
-   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
+   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Results must not depend on the
+   sizes of these pieces. */
 
 #include <float.h>
 #include <limits.h>
@@ -3073,7 +3080,7 @@ typedef struct sbl__record {
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
-#define SBL__CHILD_NUMBER 0x0fffffffu
+#define SBL__CHILD_NUMBER 0x0fffffffu  /* mask of the index in a reference */
 #define SBL__LAMP_TRIANGLE 0u      /* LAMP_TRIANGLE to LAMP_GLOW are the kinds of lamps, see >>lamps */
 #define SBL__LAMP_LOCAL_LIGHT 1u
 #define SBL__LAMP_DISTANT_LIGHT 2u
@@ -3134,9 +3141,9 @@ typedef struct sbl__record {
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
 #define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
                                           most this */
-#define SBL__GRAZING 0.01              /* lower limit of the cosine between a shading normal and the direction to the
-                                          viewer or, if there is no viewer, the face normal; also of the cosine between
-                                          the ray that a mirror reflects and the face normal */
+#define SBL__GRAZING 0.01              /* lower limit of two cosines: between a shading normal and the direction to the
+                                          viewer (the face normal, if there is no viewer); and between the ray that a
+                                          mirror reflects and the face normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
 #define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
                                           this */
@@ -3156,8 +3163,8 @@ typedef struct sbl__record {
 #define SBL__MIRROR 0.05f              /* a surface of lower roughness is rendered as a perfect mirror */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that sees a mirror of lower roughness shows the surface that is seen
                                           in the mirror */
-#define SBL__MIRROR_DIFFUSE 0.02f      /* a surface is such a mirror only if its diffuse albedo is at most this; the
-                                          diffuse component is then ignored */
+#define SBL__MIRROR_DIFFUSE 0.02f      /* MIRROR_SEEN applies only to surfaces with a diffuse albedo of at most this,
+                                          whose diffuse component is then ignored */
 #define SBL__POLISHED 0.16f            /* metal of lower roughness is a blurred mirror in the reflections of panes:
                                           anti-aliasing samples take random directions of its lobe */
 #define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow (see >>glow) if its surface is not matte,
@@ -3167,23 +3174,24 @@ typedef struct sbl__record {
                                           the lobe */
 #define SBL__GLOSS_ROUGH 0.5f          /* gloss of at least this roughness counts as diffuse where rays hit it */
 #define SBL__BLURRED 0.3f              /* lower limit of the roughness of metal where rays hit it, see reflect.glsl */
-#define SBL__BLURRED_GLOSS 0.15f       /* the same for gloss */
+#define SBL__BLURRED_GLOSS 0.15f       /* lower limit of the roughness of gloss where rays hit it */
 #define SBL__MIRRORED_HEIGHT 1e-4f     /* a lamp or sensor at a smaller height above a mirror stands in the mirror
-                                          itself. The height of a lamp is relative to the scene's extent; that of a
-                                          sensor is relative to the distance of the lamp's image or, if the lamp is at
+                                          itself. The height of a lamp is relative to the scene's extent or, if the lamp
+                                          is at infinity, the cosine between its direction and the normal. The height of
+                                          a sensor is relative to the distance of the lamp's image or, if the lamp is at
                                           infinity, to the size of the mirror */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* sensors' views store the depth this / (view-space depth in scene extents):
                                           reversed, without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of a length: if rays are
-                                          traced, of the triangle's reach (sbl_Surface.reach in surface.glsl), if it is
-                                          known; otherwise of the scene's extent, because depth buffers are imprecise
-                                          (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes sensors on a
-                                          sphere see the sphere */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface, as a fraction of the triangle's reach
+                                          (sbl_Surface.reach in surface.glsl). If the reach is unknown, or if views are
+                                          drawn, whose depth buffers are imprecise, it is a fraction of the scene's
+                                          extent (see sbl__spec_offset). At 2.5e-7 and below, float rounding makes
+                                          sensors on a sphere see the sphere */
 
-#define SBL__STEPS_UNIT 4              /* lamps.glsl counts the steps of rays in this unit */
-#define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold the number of steps of its
-                                          rays through the hierarchy, in that unit */
+#define SBL__STEPS_UNIT 4              /* lamps.glsl divides the number of steps of rays by this */
+#define SBL__STEPS_MASK 4095           /* low bits of a variance of lamps.glsl; they hold (number of steps of its rays
+                                          through the hierarchy) / STEPS_UNIT */
 
 /* Shaders get these as #define SBL_name. Constants have the text of SBL__name, flags the text of SBL_MATERIAL_name. */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -3391,7 +3399,8 @@ typedef struct sbl__device {
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* assumed number of invocations that occupy the whole device; fewer take as long */
+    int lot;                 /* assumed number of invocations that occupy the whole device; a smaller number takes as
+                                long */
 } sbl__device;
 
 /* Creates a GL object if *name is 0, and stores its name in *name. Returns 1 on success. If GL creates no object, logs
@@ -3939,7 +3948,8 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to whole lots (see sbl__device.lot), at least one. invocations: number per item */
+/* Rounds a number of items to whole lots (see sbl__device.lot), at least one. invocations: number of invocations per
+   item */
 static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
@@ -4074,7 +4084,8 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 }
 
 /* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th iteration. The size of a piece
-   of GPU work is computed from the time that earlier pieces of its kind took. Neither may change a result. */
+   of GPU work is computed from the time that earlier pieces of its kind took. Results must not depend on the sizes of
+   pieces. */
 
 /* The time limits of one call of sbl_step */
 typedef struct sbl__slice {
@@ -4100,12 +4111,12 @@ static int sbl__late(sbl__slice *s) {
    the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
-   most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
-   because the wait after each submission takes time too. If a measured cost is below the estimate, the estimate falls
-   by PACE_FALL of the difference. If the cost is even below PACE_FAR times the estimate, the estimate falls by
-   PACE_FAR_FALL of the difference: it was then wrong, perhaps because the driver compiled a shader in an earlier
-   submission. */
+/* A submission is planned to take PACE_MARGIN times the rest of the slice, which it may overrun occasionally. It is
+   planned to take at most PACE_CAUTION times the longest allowed submission, which it should not exceed. But it is
+   planned to take at least PACE_LEAST seconds, because the wait after each submission takes time too. If a measured
+   cost is below the estimate, the estimate falls by PACE_FALL of the difference. If the cost is even below PACE_FAR
+   times the estimate, the estimate falls by PACE_FAR_FALL of the difference, because the estimate was then wrong:
+   perhaps the driver compiled a shader in an earlier submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -4135,7 +4146,8 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can become expensive again. Returns like sbl__gl_check. */
+   and falls slowly, because work that was cheap a few times can become expensive again. Returns the result of
+   sbl__gl_check. */
 static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -4167,8 +4179,8 @@ typedef struct sbl__stage_row {
 /* The progress of staged work */
 typedef struct sbl__stages {
     int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
-    int at;     /* index of the next iteration of a loop, or a counter that another stage uses as it likes. A stage
-                   begins with 0 */
+    int at;     /* index of the next iteration of a loop; stages that are no loops use it as a counter of their own.
+                   It is 0 when a stage begins */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many iterations of its loop as the slice allows. Returns SBL_SUCCESS if
@@ -4634,7 +4646,7 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* The material of a mesh, and its id. The other fields are as in sbl_material:
+/* The material of a mesh, and the mesh's id. These fields differ from those of sbl_material:
    id               sbl_mesh.id or, if that is 0, the mesh's index + 1
    ..._texture      first row in the texel table, width, height, and SBL__TEXTURE flags; all 0: no texture
    reflectance      of the part that is not metal, along the normal; negative: the material is matte
@@ -4682,7 +4694,7 @@ typedef struct sbl__geometry {
     float extent;                  /* diagonal + farthest, in world units; 1 if this is 0. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are proportional to it,
                                       and distances in the view texture are multiples of it */
-    float hosts_extent;            /* extent for positions that the host gives, which are relative to 0 0 0 */
+    float hosts_extent;            /* `extent` if positions are relative to 0 0 0, as the host gives them */
     sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour, indices */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
@@ -5004,10 +5016,10 @@ static void sbl__geometry_move_origin(const sbl__base *base, sbl__geometry *g, c
 }
 
 /* Moves the origin of all positions if the scene is far from it: to the middle of the scene's bounds or, if the scene
-   is near 0 0 0, to 0 0 0. Positions are floats, and offsets of sensors and insets of surface points must exceed the
-   rounding errors of these (see SBL__OFFSET and surface.glsl), which are then proportional to the size of the scene
-   instead of its distance. The new origin does not depend on the old one, so that a mesh that moves away and back gives
-   the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
+   is near 0 0 0, to 0 0 0. Positions are floats. Offsets of sensors and insets of surface points must exceed the
+   rounding errors of positions (see SBL__OFFSET and surface.glsl). With the new origin, these errors are proportional
+   to the size of the scene instead of its distance. The new origin does not depend on the old one, so that a mesh that
+   moves away and back gives the same scene again. The geometry must be measured. Returns 1 if the origin has moved. */
 static int sbl__geometry_settle(const sbl__base *base, sbl__geometry *g) {
     static const float zero[3] = { 0, 0, 0 };
     float middle[3];
@@ -5370,9 +5382,9 @@ typedef struct sbl__solver {
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity matrix */
     double precision2;          /* a system counts as solved when left2 <= precision2 * most2 */
-    double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
-                                   when the equations change. Later solutions thus need the same absolute precision as
-                                   the first, even if they change less */
+    double most2[3];            /* per system: largest first2 of all solutions since the caller set most2 to 0, as it
+                                   must for each new problem. Later solutions of a problem, which start closer to their
+                                   result, thus need the same absolute precision as the first, and not a higher one */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. Where it is 0, the solution
                                    stays 0 */
@@ -5380,7 +5392,7 @@ typedef struct sbl__solver {
     double *residual;           /* at the start, the right-hand side of the equations */
     double *direction, *product;  /* search direction; matrix * direction */
     sbl__solver_sums sums[3];
-    int rounds;
+    int rounds;                 /* number of iterations of this solution so far */
 } sbl__solver;
 
 static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
@@ -5835,11 +5847,11 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "// view_direction: to the viewer\n",
 "sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {\n",
-"    vec3 across = view_direction - dot(view_direction, normal) * normal;\n",
-"    float size = length(across);\n",
+"    vec3 tangent = view_direction - dot(view_direction, normal) * normal;\n",
+"    float size = length(tangent);\n",
 "    float alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;\n",
 "    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, alpha);\n",
-"    if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);\n",
+"    if (size > 1e-4) l.frame = mat3(tangent / size, cross(normal, tangent / size), normal);\n",
 "    l.view = view_direction * l.frame;\n",
 "    l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));\n",
 "    return l;\n",
@@ -5900,9 +5912,9 @@ static const char *const sbl__glsl_lobe[] = {
 "// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
 "// of the triangle; to_point: vector from the viewer to the point\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {\n",
-"    // Vectors are divided by `away` before they are multiplied, because the products would underflow.\n",
-"    float away = max(length(to_point), SBL_DIVISOR_LEAST);\n",
-"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);\n",
+"    // Vectors are divided by `size` before they are multiplied, because the products would underflow.\n",
+"    float size = max(length(to_point), SBL_DIVISOR_LEAST);\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
@@ -6064,7 +6076,7 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.\n",
+"// Returns sbl_emission_pattern, or 0 if the point lies in a hole: rays towards a lamp may also end in its holes.\n",
 "vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {\n",
 "    vec3 pattern = sbl_emission_pattern(object, at);\n",
 "    for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)\n",
@@ -6165,10 +6177,10 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 weight;  // factor of the radiance that the ray returns\n",
 "};\n",
 "\n",
-"// Samples the direction of light that a surface reflects, with a cosine distribution. across: normal of any\n",
+"// Samples the direction of light that a surface reflects, with a cosine distribution. face_normal: normal of any\n",
 "// length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square\n",
-"sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
-"    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
+"sbl_Bounce sbl_bounce(sbl_Material m, vec3 face_normal, vec3 to_receiver, vec2 u) {\n",
+"    vec3 normal = dot(face_normal, face_normal) > 0.0 ? normalize(face_normal) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
 "}\n",
 0 };
@@ -6222,10 +6234,11 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
 
 /* Computes the world direction of a texel's centre. sbl_sky_direction in sky.glsl uses the same mapping. */
 static void sbl__environment_direction(const sbl__environment *e, int x, int y, double out[3]) {
-    const double angle = SBL__PI * (y + 0.5) / e->height, around = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
+    const double angle = SBL__PI * (y + 0.5) / e->height, azimuth = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
     int k;
     for (k = 0; k < 3; k++)
-        out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
+        out[k] = sin(angle) * (cos(azimuth) * e->axes[0][k] + sin(azimuth) * e->axes[2][k]) +
+                 cos(angle) * e->axes[1][k];
 }
 
 /* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. Sets c[3] to 0. */
@@ -6333,14 +6346,14 @@ static const char *const sbl__glsl_sky[] = {
 "// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
 "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
-"    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
-"    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
+"    float azimuth = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
+"    return vec2(0.5 + azimuth, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
 "}\n",
 "\n",
-"// Inverse of sbl_sky_at: returns the world direction for a position in the picture. across: 0 to 1 from left to\n",
+"// Inverse of sbl_sky_at: returns the world direction for a position in the picture. u: 0 to 1 from left to\n",
 "// right; z: cosine of the angle between the direction and sky_up\n",
-"vec3 sbl_sky_direction(float across, float z) {\n",
-"    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
+"vec3 sbl_sky_direction(float u, float z) {\n",
+"    float angle = 2.0 * SBL_PI * (u - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
 "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
 "}\n",
 "\n",
@@ -6405,10 +6418,10 @@ SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl
    origin           position of step 0
    per_length       steps per unit of length
    root             index of the grid's first node
-   around           index of the outer grid; 0 in the outermost grid, whose own index is 0 */
+   outer            index of the grid around this one; 0 in the outermost grid, whose own index is 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
-    X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
+    X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, outer)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
 /* The triangles in the order of the leaves, which is the hierarchy's order. number: the triangle's index in the scene.
@@ -6451,8 +6464,8 @@ static float sbl__box_area(const sbl__box *b) {
    coordinates */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node that remains to be built, over the triangles first .. first + count - 1 of the order. child: index of the
-   element of sbl__bvh_building.children whose last word receives the index of the node */
+/* A node that remains to be built, over elements first .. first + count - 1 of sbl__hierarchy.order. child: index of
+   the element of sbl__bvh_building.children whose last word receives the index of the node */
 typedef struct sbl__bvh_task {
     int first, count, depth, child;
     sbl__grid_node grid;
@@ -6610,7 +6623,7 @@ static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uin
 }
 
 /* Appends a grid over a box, with a margin of one step on each side, in place of the next node. */
-static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
+static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t outer) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
     const int node = h->node_count++;
     sbl__grid_node grid;
@@ -6623,7 +6636,7 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
         grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
     grid.root = (uint32_t)node + 1;
-    grid.around = around;
+    grid.outer = outer;
     memcpy(&h->building->children[2 * node], &grid, sizeof grid);
     return grid;
 }
@@ -7012,7 +7025,7 @@ static const char *const sbl__glsl_traverse[] = {
 "            per = inverse / sbl_grid_per_length(grid);\n",
 "            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
 "            if ((node & 0xf0000000u) == SBL_ENTER) {\n",
-"                stack[++top] = SBL_LEAVE | sbl_grid_around(grid);\n",
+"                stack[++top] = SBL_LEAVE | sbl_grid_outer(grid);\n",
 "                node = sbl_grid_root(grid);\n",
 "            } else node = stack[top--];\n",
 "            leaf = false;\n",
@@ -7114,8 +7127,8 @@ static const char *const sbl__glsl_traverse[] = {
    front            sum of power * normal / 2 of one-sided and of distant lamps
    beyond           index of the node after the subtree, plus flags: SBL__DISTANT_NODE, SBL__SPOT_NODE
    first_leaf       index of the subtree's first leaf
-   If a cone narrower than a hemisphere contains the light of all lamps, which are spotlights (SBL__SPOT_NODE), front is
-   the axis of this cone, a unit vector, and square[0] is half its angle in radians. */
+   SBL__SPOT_NODE means that all lamps are spotlights, and that a cone narrower than a hemisphere contains their light.
+   Then front is the axis of this cone, a unit vector, and square[0] is half its angle in radians. */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -7165,7 +7178,8 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 
 #define SBL__PLANES 64                /* maximum number of flat surfaces that are considered as mirrors of lamps */
 #define SBL__PLANE_COSINE 0.9999      /* lower limit of the cosine between the normals of triangles of a flat surface */
-#define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between their planes / the scene's extent */
+#define SBL__PLANE_OFFSET 1e-3        /* upper limit of the distance between the planes of triangles of a flat surface,
+                                         as a fraction of the scene's extent */
 #define SBL__MIRRORED_CLUSTERS 4      /* number of clusters that stand for all lamps in each mirror */
 #define SBL__MIRRORED_SHRINKS 0.8f    /* a cluster is divided if the radius of its first child is at most this * its own
                                          radius */
@@ -7174,13 +7188,13 @@ SBL__RECORD(sbl__mirrored, SBL__MIRRORED, "sbl_mirrored", "sbl_lamps", "", "sbl_
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that none is skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of a cluster's sums, so that products of two sums remain finite */
 #define SBL__SPOT_EDGE 0.001          /* minimum width of a spot's soft edge: outer minus inner cone, as a fraction of
-                                         the outer cone. A cone is measured as 1 - cosine of its angle */
+                                         the outer cone. A cone is measured as 1 - cosine of half its angle */
 #define SBL__SPOT_SCALE_MOST 1e30     /* upper limit of sbl__light_record.spot_scale */
 #define SBL__CONE_MOST 1.57f          /* limit of half the angle of a cone, in radians. A lamp or cluster whose light
                                          needs a wider cone is treated as if it had none */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 61, the number of bits of the
-                                         curve, plus log2(number of lamps at one point) */
+#define SBL__LAMP_DEPTH 128           /* capacity of sbl__lamp_trees.clusters: more than 63, the number of bits in which
+                                         curve positions of a tree differ, plus log2(number of lamps at one point) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; see sbl__lamp_curve */
@@ -7192,18 +7206,18 @@ typedef struct sbl__lamp {
     int one_sided, distant;
 } sbl__lamp;
 
-/* Sums over the lamps of a cluster, and their bounds. shown: sum of `shown` in sbl__cluster_of_lamp. square: the
-   elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T; for a lamp that emits in all directions, the
-   identity matrix replaces normal * normal^T. cone: half the angle of a cone around `front` that contains the light of
-   all lamps, in radians, at most SBL__CONE_MOST */
+/* Sums over the lamps of a cluster, and their bounds. shown: sum of the powers, in which one-sided and distant lamps
+   count half. square: the elements xx, yy, zz, xy, yz, zx of the sum of shown * normal * normal^T over the lamps; for a
+   lamp that emits in all directions, the identity matrix replaces normal * normal^T. cone: half the angle of a cone
+   around `front` that contains the light of all lamps, in radians, at most SBL__CONE_MOST */
 typedef struct sbl__cluster { double power, shown, square[6], front[3], cone; sbl__box bounds; } sbl__cluster;
 
 /* A flat surface with a lobe that is narrow enough to show lamps. It consists of all triangles with the same plane and
    lobe. */
 typedef struct sbl__plane {
     double normal[3], offset;
-    double own;                /* area * largest reflectance */
-    double weight;             /* at least `own`, see sbl__planes_add */
+    double own;                /* sum over its triangles: area * largest component of reflectance */
+    double weight;             /* `own`, plus the weight of the plane that this one has replaced, see sbl__planes_add */
     float reflectance[3], alpha;
     sbl__box bounds;
 } sbl__plane;
@@ -7294,8 +7308,8 @@ static sbl_result sbl__lamps_make(sbl__base *base, sbl__lamps *l, const sbl_ligh
 /* >>lamps: collecting */
 
 /* Makes a lamp that emits in all directions, or a distant lamp. middle: its position, or the direction towards it.
-   around: half the side of its bounds. power: pi * the lamp's power */
-static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
+   half_side: half the side of its bounds, a cube. power: pi * the lamp's power */
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double half_side, double power,
                            int distant) {
     int k;
     lamp->code = code;
@@ -7303,8 +7317,8 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     lamp->cone = SBL__CONE_MOST;
     for (k = 0; k < 3; k++) {
-        lamp->bounds.low[k] = (float)(middle[k] - around);
-        lamp->bounds.high[k] = (float)(middle[k] + around);
+        lamp->bounds.low[k] = (float)(middle[k] - half_side);
+        lamp->bounds.high[k] = (float)(middle[k] + half_side);
         if (distant) lamp->normal[k] = (float)middle[k];
     }
 }
@@ -7327,7 +7341,7 @@ static void sbl__lamp_of_triangle(const sbl__lamp_trees *l, int index, sbl__lamp
     lamp->one_sided = !sbl__emits(object, 1);
 }
 
-/* Returns 1 - cosine of half an angle in degrees, without the loss of digits that small angles would cause. */
+/* Returns 1 - cos(angle / 2), without the loss of digits that small angles would cause. angle: in degrees */
 static double sbl__versine(float angle) {
     const double sine = sin(0.25 * (double)angle * SBL__PI / 180);
     return 2 * sine * sine;
@@ -7464,8 +7478,8 @@ static int sbl__lamp_covers(const sbl__lamp *lamp, const sbl__lamp *other) {
 }
 
 /* Sets the power of a lamp to 0 if the triangle of another lamp has the same corners and emits at least from the same
-   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Solid triangles
-   with both windings often stand for a surface with two sides. */
+   sides. Rays hit only the triangle with the lower index, and sensors must not add the light of both. Scenes often
+   contain two triangles of opposite windings for a surface with two sides. */
 static sbl_result sbl__lamp_trees_drop_copy(void *work, int at) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamp *lamp = &l->list[at], *other;
@@ -7502,7 +7516,7 @@ static int sbl__lamp_trees_compact(void *work) {
     return l->stages.stage + 1;
 }
 
-/* Returns an upper limit of the number of lamps, without glows, for the size of the table. */
+/* Returns an upper limit of the number of lamps without glows, from which the size of the table follows. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -7552,10 +7566,10 @@ static sbl_result sbl__lamp_trees_sort(void *work, sbl__slice *slice) {
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
-            const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
-            if (l->out == run) { l->left = run; l->right = middle; }
+            const int second = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
+            if (l->out == run) { l->left = run; l->right = second; }
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (l->right == end || (l->left < middle && l->list[l->left].curve <= l->list[l->right].curve))
+            if (l->right == end || (l->left < second && l->list[l->left].curve <= l->list[l->right].curve))
                 l->sorted[l->out++] = l->list[l->left++];
             else l->sorted[l->out++] = l->list[l->right++];
         }
@@ -8019,7 +8033,7 @@ typedef struct sbl__store {
     int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
-    sbl__cell_bucket *cells;     /* buckets of the hash grid, including free ones */
+    sbl__cell_bucket *cells;   /* buckets of the hash grid, including free ones */
     int cell_capacity;         /* number of buckets: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
@@ -8129,9 +8143,9 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the leaf reference at the position (1 +
-   leaf index; 0: no leaf yet), or NULL. *depth: receives the number of cuts. The pointer is valid until a cut is
-   added. */
+/* Like sbl__store_bucket, but follows the cuts to a leaf. Returns a pointer to the reference of the leaf at the
+   position (1 + index of the leaf; 0: there is no leaf yet), or NULL if the cell gets no bucket. depth: receives the
+   number of cuts. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_bucket(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -8139,8 +8153,8 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1, if the ray is not near (see
-   sbl__is_short). side: patch word of a triangle's side, with level 0 */
+/* Returns the patch word that sbl_leaf_at tries for a long ray (see sbl__is_short) at attempt 0 .. 2 * SBL__LEVELS - 1.
+   side: patch word of a triangle's side, with level 0 */
 static uint32_t sbl__patch_for_long(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_SHORT : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
@@ -8934,8 +8948,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float along = length(x);\n",
 "    if (along < SBL_TANGENT_LEAST) return normal;\n",
 "    x /= along;\n",
-"    vec3 across = cross(normal, x);\n",
-"    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;\n",
+"    vec3 bitangent = cross(normal, x);\n",
+"    return v.x * x + v.y * (dot(bitangent, y) < 0.0 ? -bitangent : bitangent) + v.z * normal;\n",
 "}\n",
 "\n",
 "// Returns the normal-mapped shading normal, not normalised, at least SBL_GRAZING above the triangle's plane, on\n",
@@ -8957,18 +8971,18 @@ static const char *const sbl__glsl_surface[] = {
 "\n",
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
-"    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
+"    vec3 edges_cross = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
+"    float widest = max(max(abs(edges_cross.x), abs(edges_cross.y)), abs(edges_cross.z));\n",
 "    // short vectors are scaled first, because their squared length may underflow in normalize\n",
-"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
+"    vec3 face = normalize(widest > 1e-15 ? edges_cross : widest > 0.0 ? edges_cross / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
-"    s.least_height = f.size * length(across) / longest;\n",
+"    s.least_height = f.size * length(edges_cross) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
 "    // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the\n",
 "    // other surface, and see past it.\n",
 "    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
 "    for (int k = 0; k < 3; k++) {\n",
-"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
+"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(edges_cross) / side;\n",
 "        float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;\n",
 "        s.position += max(lacks, 0.0) / side * cross(face, sides[k]);\n",
 "    }\n",
@@ -9018,7 +9032,8 @@ static const char *const sbl__glsl_surface[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// Returns the surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
+"// Returns the surface point seen from the front: the side to which the vertex normals point (see\n",
+"// sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
@@ -9337,11 +9352,11 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* Checks the options. papers: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0.
+/* Checks the options. paper: 1: SBL_MODE_PAPER is allowed. rays: range of options.rays, which may also be 0.
    host_draws: 1: the scene has a draw callback */
-static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
+static void sbl__check_options(sbl__check *check, const sbl_options *o, int paper, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
-    if (o->mode == SBL_MODE_PAPER && !papers)
+    if (o->mode == SBL_MODE_PAPER && !paper)
         sbl__mistake(check, "options.mode is SBL_MODE_PAPER; only pictures and readings have it");
     sbl__check_int(check, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
     sbl__check_int(check, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
@@ -9451,7 +9466,8 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-#define SBL__MAX_SIZE 16384     /* maximum width and height of a picture or lightmap, in working pixels */
+#define SBL__MAX_SIZE 16384     /* maximum width and height of a picture in pixels, or of a lightmap in supersampled
+                                   texels */
 
 /* Checks a window: x, y, width, height; all 0: no window. what: "picture" or "map", for the message */
 static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
@@ -9527,14 +9543,14 @@ static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
 /* Returns the descriptor, with defaults, of the picture that refines a lightmap: its size is the lightmap's times
    supersample, if that fits. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
-    const int across = sbl__supersample_fits(d) ? d->supersample : 1;
+    const int factor = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
     int i;
     memset(&picture, 0, sizeof picture);
     picture.options = d->options;
-    picture.width = d->width * across;
-    picture.height = d->height * across;
-    for (i = 0; i < 4; i++) picture.window[i] = SBL__MIN(SBL__MAX(d->window[i], -1), SBL__MAX_SIZE + 1) * across;
+    picture.width = d->width * factor;
+    picture.height = d->height * factor;
+    for (i = 0; i < 4; i++) picture.window[i] = SBL__MIN(SBL__MAX(d->window[i], -1), SBL__MAX_SIZE + 1) * factor;
     picture.target_error = d->target_error;
     memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
     picture.price = d->price;
@@ -9565,7 +9581,8 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-/* Checks the list of meshes of a lightmap: all have lightmap_texcoords. Without a list, one mesh of the scene must. */
+/* Checks that all meshes in the list of a lightmap have lightmap_texcoords or, without a list, that at least one mesh
+   of the scene has them. */
 static void sbl__check_lightmap_meshes(sbl__check *check, const sbl_lightmap_desc *d, const sbl__geometry *g) {
     int i, lightmapped = 0;
     sbl__check_array(check, "mesh_count", d->mesh_count, d->meshes);
@@ -9597,8 +9614,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     }
     sbl__check_int(&check, "supersample", d->supersample, 1, 8);
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most %d", d->supersample,
-                     d->width, d->height, SBL__MAX_SIZE);
+        sbl__mistake(&check, "supersample is %d; width and height, %d x %d, times supersample must be at most %d",
+                     d->supersample, d->width, d->height, SBL__MAX_SIZE);
     sbl__check_lightmap_meshes(&check, d, &scene->geometry);
     return sbl__check_end(&check);
 }
@@ -9763,8 +9780,8 @@ static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
         if (d->lowest[k] > d->highest[k])
-            sbl__mistake(check, "lowest[%d] is %g; highest[%d], %g, is less", k, (double)d->lowest[k], k,
-                         (double)d->highest[k]);
+            sbl__mistake(check, "lowest[%d] is %g; it must be at most highest[%d], which is %g", k,
+                         (double)d->lowest[k], k, (double)d->highest[k]);
 }
 
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
@@ -9809,10 +9826,11 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    around it are made, too. */
 
 /* A window of a picture or lightmap. The working grid is the window plus a margin, extended to the edges of first-level
-   tiles or of the picture, so that adjacent windows match. The error counts in all pixels that the filter and
-   anti-aliasing read. A window with a price has two more rings of first-level tiles: whether a tile is split depends
-   on the tiles of its own size beside it, whose splits depend on the sensors beyond them, and guides depend on scouts
-   around them. All sizes and positions are x and y in working pixels. */
+   tiles or of the picture, so that adjacent windows match. Its elements, the working pixels, are pixels of the picture
+   or supersampled texels of the lightmap. The error counts in all pixels that the filter and anti-aliasing read. A
+   window with a price has two more rings of first-level tiles, for two reasons. Whether a tile is split depends on the
+   tiles of its own size beside it, and their splits depend on the sensors beyond them. Guides depend on scouts around
+   them. All sizes and positions are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: position in the whole picture, and size */
@@ -9966,7 +9984,7 @@ typedef struct sbl__atlas {
                                    side, the triangle on the other side of the edge, or SBL__NONE */
     sbl__hash_table ends;       /* finds sides by their ends */
     unsigned char *marks;       /* per triangle: 0, or 1 + its distance in triangles from a sharp edge */
-    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
+    float *distances2;          /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
                                    number of triangles that overlap it there, see sbl__atlas_others */
     int charts;                 /* number of charts */
@@ -9987,7 +10005,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->beside);
     sbl__hash_table_free(base, &a->ends);
     sbl__free(base, a->marks);
-    sbl__free(base, a->away);
+    sbl__free(base, a->distances2);
     memset(a, 0, sizeof *a);
 }
 
@@ -10016,8 +10034,8 @@ static sbl_result sbl__atlas_make(sbl__atlas *a) {
     const size_t texels = (size_t)a->width * (size_t)a->height;
     a->parents = (uint32_t *)sbl__alloc_raw(a->base, (size_t)a->geometry->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(a->base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc(a->base, texels, sizeof *a->away);
-    return a->parents && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    a->distances2 = (float *)sbl__alloc(a->base, texels, sizeof *a->distances2);
+    return a->parents && a->texels && a->distances2 ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
@@ -10183,7 +10201,7 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
 /* Returns how many triangles overlap the triangle that a texel shows, at the texel's centre. A triangle of the same
    chart counts only if the centre lies well inside both. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
-    return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
+    return a->distances2 && a->distances2[texel] < 0 ? (float)ceil(-(double)a->distances2[texel]) - 1 : 0;
 }
 
 /* Counts a texel of the window when its first overlap is found, and warns about the first such texel. triangle: the
@@ -10214,18 +10232,18 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
     uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
     double weights[3];
-    const float away = (float)sbl__atlas_nearest(t, centre, weights);
-    const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is an integer, ATLAS_EDGE -
-                                                                              n is not */
+    const float distance2 = (float)sbl__atlas_nearest(t, centre, weights);
+    const int well = distance2 <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
+    const double was = (double)a->distances2[i];
+    const int was_well = floor(was) >= was;  /* SBL__ATLAS_WELL - n is an integer, SBL__ATLAS_EDGE - n is not */
     float floats[2];
-    if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
+    if (distance2 < 0 && a->distances2[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, at, i);
-        a->away[i] -= 1;
+        a->distances2[i] -= 1;
         return;
     }
-    if (!(away < (texel[0] ? a->away[i] : SBL__ATLAS_FAR))) return;
-    a->away[i] = away;
+    if (!(distance2 < (texel[0] ? a->distances2[i] : SBL__ATLAS_FAR))) return;
+    a->distances2[i] = distance2;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
     floats[0] = (float)weights[1];  /* above 0, so that its sign bit is free for SBL__ATLAS_MARK */
@@ -10375,9 +10393,9 @@ static uint32_t sbl__atlas_locate(const sbl__atlas_square *s, int i, double weig
     sbl__r2(i, u);
     for (k = 0; k < 2; k++) at[k] = s->low[k] + u[k] * (s->high[k] - s->low[k]);
     for (n = 0; n < s->count; n++) {
-        const double away = sbl__atlas_nearest(&s->triangles[n], at, weights);
-        if (away >= 0) continue;
-        if (away > (double)SBL__ATLAS_WELL) sbl__atlas_inset(&s->triangles[n], weights);
+        const double distance2 = sbl__atlas_nearest(&s->triangles[n], at, weights);
+        if (distance2 >= 0) continue;
+        if (distance2 > (double)SBL__ATLAS_WELL) sbl__atlas_inset(&s->triangles[n], weights);
         return s->triangles[n].number;
     }
     return SBL__NONE;
@@ -10881,8 +10899,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces\n",
-"layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe\n",
-"                                             // w: sbl_Mirrored.stored\n",
+"layout(location = 6) out vec4 out_specular;  // rgb: directional albedo of the specular lobe, 0: no lobe; w:\n",
+"                                             // sbl_Mirrored.stored\n",
 "layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no\n",
 "                                             // lobe\n",
 "#endif\n",
@@ -11764,11 +11782,11 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    Sends more of a sensor's rays in directions in which rays from nearby pixels have found light. If light comes through
    a window, for example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy,
    >>scouts traces scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again.
-   A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours
-   found. Its bins are bands about the normal, divided into sectors; all bins have the same probability under the cosine
-   distribution. Sensors near the pixel sample directions by the guide, and divide a ray's light by the factor by which
-   the guide raised the probability of its bin. The expected value stays the same, and the noise falls (scene
-   living-room: to a fifth of the variance).
+   A guide belongs to a pixel of this grid: a histogram, over the hemisphere, of the light that the scouts of the pixel
+   and of its neighbours found. Its bins are bands about the normal, divided into sectors; all bins have the same
+   probability under the cosine distribution. Sensors near the pixel sample directions by the guide, and divide a ray's
+   light by the factor by which the guide raised the probability of its bin. The expected value stays the same, and the
+   noise falls (scene living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -11798,7 +11816,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDES_MOST 16384
 #define SBL__GUIDE_REACH 4         /* largest sbl__guides.reach */
 #define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid, see also sbl__guides_choose */
-#define SBL__SCOUTS_AWAY 5         /* a window sends scouts up to this number of half first-level tiles around it */
+#define SBL__SCOUTS_AWAY 5         /* scouts start from pixels up to this number of half first-level tiles outside of a
+                                      window's margin */
 #define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* A guide that receives the light that the scouts of the pixel sbl__guides.scout find */
@@ -11819,9 +11838,9 @@ typedef struct sbl__guides {
     int reach;                  /* guides receive light of scouts up to this number of columns and rows away */
     int parallax_aware;         /* 1: the light of a scout is added to other guides in the directions in which their
                                    pixels see it, see sbl__scout_splat */
-    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of the pixel `scout` */
+    sbl__receiver *receivers;   /* the guides that receive the light of the scouts of one pixel, see `scout` */
     int receiver_count;
-    int scout;                  /* 1 + index in the grid of the pixel whose scouts were taken last; 0: none */
+    int scout;                  /* 1 + index in the grid of the pixel to whose scouts `receivers` belongs; 0: none */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
                                    NULL once the guides are made */
     uint32_t *words;            /* the guides, as guide.glsl reads them; SBL__GUIDE_WORDS per guide */
@@ -12066,7 +12085,7 @@ static const char *const sbl__glsl_layers[] = {
 
 /* >>glsl invocation: shaders_embedded/invocation.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_invocation[] = {
-"// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see\n",
+"// Code of reduce_blocks.glsl and of all programs that trace rays for sensors or for the store. Each look (see\n",
 "// >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one\n",
 "// invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute\n",
 "// shaders, in which the invocations of a slot have consecutive indices.\n",
@@ -12294,8 +12313,8 @@ static const char *const sbl__glsl_lamp[] = {
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced\n",
-"const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays\n",
-"                                    // would meet the sensor's own surface\n",
+"const float SBL_LIGHT_LEAST = 16.0;  // lower limit of (distance to a point on a light) / above: shorter rays would\n",
+"                                     // meet the sensor's own surface\n",
 "\n",
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that use a field.\n",
 "struct sbl_Lamp {\n",
@@ -12305,7 +12324,8 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the\n",
 "                               // centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
-"    float away, radius, sine2; // light: distance, radius, squared sine of half the subtended angle\n",
+"    float distance, radius;    // light: distance of its centre from the sensor; radius\n",
+"    float sine2;               // light: squared sine of half the angle that it subtends\n",
 "    ivec2 texel;               // texel: column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number\n",
 "                               // is -1\n",
@@ -12373,15 +12393,15 @@ static const char *const sbl__glsl_lamp[] = {
 "        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
 "            l.corner -= position;\n",
 "            l.radius = l.sine2;\n",
-"            l.away = length(l.corner);\n",
-"            l.corner /= max(l.away, 1e-30);\n",
+"            l.distance = length(l.corner);\n",
+"            l.corner /= max(l.distance, 1e-30);\n",
 "            vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)\n",
 "            float spot = clamp(sbl_light_spot_offset(int(at)) -\n",
 "                               0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);\n",
 "            // The sensor may be inside the light.\n",
-"            if (l.away < l.radius) { l.corner = sensor_normal; l.away = l.radius; spot = 1.0; }\n",
-"            l.brightness *= spot * spot / (l.away * l.away);\n",
-"            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
+"            if (l.distance < l.radius) { l.corner = sensor_normal; l.distance = l.radius; spot = 1.0; }\n",
+"            l.brightness *= spot * spot / (l.distance * l.distance);\n",
+"            l.sine2 = min(l.radius * l.radius / (l.distance * l.distance), 1.0);\n",
 "        }\n",
 "    }\n",
 "    return l;\n",
@@ -12401,9 +12421,9 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Returns the form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum\n",
 "// (1760) over the edges of the part above the horizon adds, for each edge, the angle that it subtends times z of\n",
-"// the unit normal of the plane through the edge and the sensor. For a small, distant triangle, rounding would\n",
-"// spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to\n",
-"// 4e-6).\n",
+"// the unit normal of the plane through the edge and the sensor. For a triangle that is small and far away,\n",
+"// rounding would spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative\n",
+"// error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
@@ -12447,7 +12467,7 @@ static const char *const sbl__glsl_lamp[] = {
 "\n",
 "// Returns R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate, and above 0 if\n",
 "// any part of the texel is above the horizon.\n",
-"vec3 sbl_unhindered(sbl_Lamp l) {\n",
+"vec3 sbl_unobstructed(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
@@ -12462,7 +12482,7 @@ static const char *const sbl__glsl_lamp[] = {
 "// Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its\n",
 "// solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along\n",
 "// the normal is approximate.\n",
-"mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
+"mat3x4 sbl_unobstructed_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 integral = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -12605,8 +12625,9 @@ static const char *const sbl__glsl_lamp[] = {
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_LOCAL_LIGHT) {\n",
-"            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
-"            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));\n",
+"            s.distance = l.distance * (1.0 - versine) -\n",
+"                         sqrt(max(l.radius * l.radius - l.distance * l.distance * r * r, 0.0));\n",
+"            s.distance = max(s.distance, max(SBL_LIGHT_LEAST * above, 1e-18));\n",
 "        }\n",
 "    }\n",
 "    s.light *= max(dot(sensor_normal, s.direction), 0.0);\n",
@@ -12676,8 +12697,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
 "// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure\n",
 "// the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct\n",
-"// illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray towards a\n",
-"// cluster picks one of its lamps, in proportion to their light.\n",
+"// illumination and stochastic shadows\". If there are many lamps, those that are far away form clusters; a ray\n",
+"// towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -12693,8 +12714,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const bool inspected = true, directional = false;\n",
 "uniform int invocations;              // number of invocations that measured the look, see sbl__aim\n",
 "uniform int sheet_slot;               // slot of the look's views in the view texture\n",
-"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
-"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
+"SBL_OUT(0, out_light);                // a ray: rgb: its light; a: 0: not traced, 1: reached the lamp, 2: blocked.\n",
+"                                      // An entry: rgb: its unobstructed R; a: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
 "SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf\n",
 "#else\n",
@@ -12717,7 +12738,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because stronger lamps may be\n",
 "                                    // hidden\n",
 "const float SBL_FAVOUR_MOST = 1e6;  // upper limit of the factor by which the strengths of glows are increased\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries into their array; each attempt\n",
+"                                    // doubles the opening\n",
 "#ifdef SBL_LOBE\n",
 "const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps\n",
 "                                    // of one facing does not use the ratio seen / open for these lamps,\n",
@@ -12830,11 +12852,11 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "// Returns the R (divided by `unit`) that an unobstructed lamp causes at the sensor. With SBL_LOBE, returns the\n",
-"// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form of the\n",
-"// cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns 0, because\n",
-"// the mirror's rays find the lamps.\n",
+"// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form for the\n",
+"// transformed cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns\n",
+"// 0, because the mirror's rays find the lamps.\n",
 "vec3 sbl_expected(sbl_Lamp l) {\n",
-"    vec3 light = sbl_unhindered(l);\n",
+"    vec3 light = sbl_unobstructed(l);\n",
 "#ifdef SBL_LOBE\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) light *= lobe_scale * sbl_lobe_factor(lobe, l.corner) + SBL_LOBE_STRENGTH;\n",
 "    if (lobe.alpha == 0.0) light = vec3(0);\n",
@@ -12843,9 +12865,9 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LOBE\n",
-"// Returns the factor of the linearly transformed cosine for light from a direction: the result of sbl_lobe_factor,\n",
-"// divided by the lobe's albedo, if the lobe were this cosine. The closed form of a lamp is its light in the\n",
-"// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
+"// A linearly transformed cosine approximates the lobe, and the closed form of a lamp is its light in this cosine.\n",
+"// Returns the factor of the cosine for light from a direction, as sbl_lobe_factor / albedo is for the lobe. Rays\n",
+"// measure the fraction of the light that arrives; `sampled` adds the difference between the lobe and the cosine.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
 "    float length2 = dot(w, w), cosine = dot(direction, sensor_normal);\n",
@@ -12853,7 +12875,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Returns true if sbl_unhindered(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.\n",
+"// Returns true if sbl_unobstructed(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.\n",
 "bool sbl_has_closed_form(sbl_Lamp l) {\n",
 "#ifdef SBL_LOBE\n",
 "    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;\n",
@@ -12891,7 +12913,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (!point && sbl_has_closed_form(l)) {\n",
 "            whole += outerProduct(light, l.facing);\n",
 "            sbl_add_layers(whole_layers, l, light);\n",
-"            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
+"            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unobstructed_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -12971,8 +12993,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// form times the ratio seen / open, unless its facing is sparse. All other lamps give the mean of the rays' light,\n",
 "// which `sampled` sums, except that `sure` sums the exact light of the `certain` point lights. With SBL_LOBE,\n",
 "// `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with\n",
-"                                              // it\n",
+"mat2x3 open = mat2x3(0);                      // by facing: light of the rays, if none of them were obstructed\n",
+"mat2x3 seen = mat2x3(0);                      // by facing: light of the rays that arrives at the sensor\n",
 "vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached\n",
 "                                              // lamps\n",
@@ -12985,7 +13007,8 @@ static const char *const sbl__glsl_lamps[] = {
 "vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`\n",
 "#endif\n",
 "vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough\n",
-"vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of unblocked, of blocked rays and rim samples\n",
+"vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of rays and rim samples that arrive; number of\n",
+"                                              // those that do not\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
 "#ifdef SBL_GROUPS\n",
@@ -12995,37 +13018,37 @@ static const char *const sbl__glsl_lamps[] = {
 "vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction\n",
 "bool reporting;                                     // true: sbl_shoot reports its ray\n",
 "\n",
-"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
+"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: the lamp is a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;\n",
-"    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;\n",
+"    vec3 light = s.light / p.chance, to = s.direction, unobstructed = light;\n",
 "#ifdef SBL_LOBE\n",
-"    unhindered *= sbl_cosine_factor(s.direction);\n",
+"    unobstructed *= sbl_cosine_factor(s.direction);\n",
 "    float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));\n",
 "    if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);\n",
 "    s.light = light * p.chance;\n",
 "#endif\n",
 "    vec4 to_harmonics = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
-"    vec3 either = light + unhindered;\n",
+"    vec3 either = light + unobstructed;\n",
 "    if (!(either.r + either.g + either.b > 0.0)) return;\n",
 "    if (directional)\n",
 "        to_harmonics = sbl_harmonics(s.direction, sensor_normal,\n",
 "                                     1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
 "        if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);\n",
-"        open += outerProduct(unhindered, l.facing);\n",
-"        sbl_add_layers(open_layers, l, unhindered);\n",
+"        open += outerProduct(unobstructed, l.facing);\n",
+"        sbl_add_layers(open_layers, l, unobstructed);\n",
 "        samples += l.facing;\n",
 "#ifdef SBL_LOBE\n",
-"        float weight = dot(unhindered, SBL_LUMINANCE);\n",
+"        float weight = dot(unobstructed, SBL_LUMINANCE);\n",
 "        lobe_squares += weight * weight * l.facing;\n",
 "#endif\n",
 "    }\n",
 "    if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);\n",
-"    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(ray_origin, to / away,\n",
-"                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);\n",
+"    float to_length = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;\n",
+"    float limit = s.distance < SBL_UNBOUNDED ? to_length * SBL_BEFORE_LAMP : SBL_UNBOUNDED;\n",
+"    sbl_Hit hit = sbl_trace(ray_origin, to / to_length, limit, SBL_RAY_SHADOW);\n",
 "    vec3 filtered = sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
@@ -13033,7 +13056,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
-"        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);\n",
+"        report_direction = vec4(point ? vec3(0) : to / to_length, p.leaf);\n",
 "    }\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) blocked += l.facing;\n",
@@ -13043,9 +13066,9 @@ static const char *const sbl__glsl_lamps[] = {
 "#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
-"    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
+"    float unfiltered = max(dot(unobstructed, SBL_LUMINANCE), SBL_DIVISOR_LEAST);\n",
 "    light *= filtered;\n",
-"    unhindered *= filtered;\n",
+"    unobstructed *= filtered;\n",
 "    if (reporting && !point) report.rgb = light;\n",
 "    mat3x4 harmonics = outerProduct(to_harmonics, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
@@ -13060,14 +13083,14 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(light, SBL_LUMINANCE);\n",
 "        squares += mean * mean;\n",
 "    } else {\n",
-"        seen += outerProduct(unhindered, l.facing);\n",
-"        sbl_add_layers(seen_layers, l, unhindered);\n",
+"        seen += outerProduct(unobstructed, l.facing);\n",
+"        sbl_add_layers(seen_layers, l, unobstructed);\n",
 "        lit += l.facing;\n",
-"        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;\n",
+"        float factor = filtered == vec3(1) ? 1.0 : dot(unobstructed, SBL_LUMINANCE) / unfiltered;\n",
 "        factors += factor * l.facing;\n",
 "        factor_squares += factor * factor * l.facing;\n",
 "#ifdef SBL_LOBE\n",
-"        vec3 rest = light - unhindered;\n",
+"        vec3 rest = light - unobstructed;\n",
 "        float mean = dot(rest, SBL_LUMINANCE);\n",
 "        sampled += rest;\n",
 "        squares += mean * mean;\n",
@@ -13529,7 +13552,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
 "layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor (Ck of the paper); a: distance\n",
 "                                             // along the view's axis in scene extents, negative for a back face\n",
-"in vec3 clip;                               // x, y and w of the position in clip space\n",
+"in vec3 clip;                                // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // in texels\n",
 "uniform float radiance_scale;\n",
 "uniform int first_triangle;                  // index in the scene of the draw call's first triangle\n",
@@ -13777,8 +13800,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;               // width and height of a block, in texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
-"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0\n",
+"SBL_OUT(1, out_hits);            // of texels that show surfaces: sum of weights; sum of weight * distance; least\n",
+"                                 // distance; 0\n",
+"uniform sampler2D directions;    // with SBL_DIRECTIONAL: direction of each texel of a sheet, if the rotation is 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",

@@ -14,7 +14,7 @@ static void sensor__print_lamp(const sbl_sensor *s, int number) {
     if (l->kind == SBL_LAMP_TRIANGLE) printf("  triangle %d of mesh %d:", l->number, l->mesh);
     else printf("  %s %d:", l->kind == SBL_LAMP_LIGHT ? "light" : "texel of the sky", l->number);
     if (sensor__sum(l->unhindered) > 0)
-        printf(" unhindered %g %g %g,", (double)l->unhindered[0], (double)l->unhindered[1], (double)l->unhindered[2]);
+        printf(" unobstructed %g %g %g,", (double)l->unhindered[0], (double)l->unhindered[1], (double)l->unhindered[2]);
     printf(" %d of %d rays arrive\n", l->open, l->rays);
 }
 

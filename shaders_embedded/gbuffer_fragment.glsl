@@ -11,8 +11,8 @@ layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
 const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces
-layout(location = 6) out vec4 out_specular;  // directional albedo of the specular lobe; 0: no lobe
-                                             // w: sbl_Mirrored.stored
+layout(location = 6) out vec4 out_specular;  // rgb: directional albedo of the specular lobe, 0: no lobe; w:
+                                             // sbl_Mirrored.stored
 layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if the surface has no
                                              // lobe
 #endif

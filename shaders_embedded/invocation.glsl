@@ -1,4 +1,4 @@
-// Shared by reduce_blocks.glsl and by all programs that trace rays for sensors or for the store. Each look (see
+// Code of reduce_blocks.glsl and of all programs that trace rays for sensors or for the store. Each look (see
 // >>sensors in sbl.h) or each ray of cast.glsl has a slot of blocks.x * blocks.y texels in the outputs, and one
 // invocation computes each texel. The programs run either as fragment shaders, drawn over the slots, or as compute
 // shaders, in which the invocations of a slot have consecutive indices.

@@ -12,8 +12,8 @@ const float SBL_SMALL = 16.0;       // a triangle is small if (squared distance)
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // fraction of the distance to a lamp along which a ray is traced
-const float SBL_LIGHT_AWAY = 16.0;  // shortest distance to a point on a light, divided by `above`: shorter rays
-                                    // would meet the sensor's own surface
+const float SBL_LIGHT_LEAST = 16.0;  // lower limit of (distance to a point on a light) / above: shorter rays would
+                                     // meet the sensor's own surface
 
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that use a field.
 struct sbl_Lamp {
@@ -23,7 +23,8 @@ struct sbl_Lamp {
     vec3 corner;               // triangle: first corner, relative to the sensor; others: unit direction to the
                                // centre
     vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
-    float away, radius, sine2; // light: distance, radius, squared sine of half the subtended angle
+    float distance, radius;    // light: distance of its centre from the sensor; radius
+    float sine2;               // light: squared sine of half the angle that it subtends
     ivec2 texel;               // texel: column and row in the environment's picture
     int triangle, number;      // triangle: its index in the hierarchy's order and in the scene; otherwise number
                                // is -1
@@ -91,15 +92,15 @@ sbl_Lamp sbl_lamp(int leaf) {
         if (l.kind == SBL_LAMP_LOCAL_LIGHT) {
             l.corner -= position;
             l.radius = l.sine2;
-            l.away = length(l.corner);
-            l.corner /= max(l.away, 1e-30);
+            l.distance = length(l.corner);
+            l.corner /= max(l.distance, 1e-30);
             vec3 chord = sbl_light_axis(int(at)) + l.corner;  // its square is 2 * (1 - the cosine to the axis)
             float spot = clamp(sbl_light_spot_offset(int(at)) -
                                0.5 * sbl_light_spot_scale(int(at)) * dot(chord, chord), 0.0, 1.0);
             // The sensor may be inside the light.
-            if (l.away < l.radius) { l.corner = sensor_normal; l.away = l.radius; spot = 1.0; }
-            l.brightness *= spot * spot / (l.away * l.away);
-            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
+            if (l.distance < l.radius) { l.corner = sensor_normal; l.distance = l.radius; spot = 1.0; }
+            l.brightness *= spot * spot / (l.distance * l.distance);
+            l.sine2 = min(l.radius * l.radius / (l.distance * l.distance), 1.0);
         }
     }
     return l;
@@ -119,9 +120,9 @@ vec3 sbl_lamp_layer_fraction(sbl_Lamp l, int layer) {
 
 // Returns the form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum
 // (1760) over the edges of the part above the horizon adds, for each edge, the angle that it subtends times z of
-// the unit normal of the plane through the edge and the sensor. For a small, distant triangle, rounding would
-// spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to
-// 4e-6).
+// the unit normal of the plane through the edge and the sensor. For a triangle that is small and far away,
+// rounding would spoil this sum; a sum over Dunavant's six points is then used instead (1985, degree 4; relative
+// error up to 4e-6).
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
     vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
@@ -165,7 +166,7 @@ float sbl_lamp_round(float z, float sine2) {
 
 // Returns R of an unobstructed lamp, divided by `unit`. For a texel of the sky it is approximate, and above 0 if
 // any part of the texel is above the horizon.
-vec3 sbl_unhindered(sbl_Lamp l) {
+vec3 sbl_unobstructed(sbl_Lamp l) {
     float factor = 0.0;
     if (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 corner = to_frame * l.corner;
@@ -180,7 +181,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 // Returns the first four spherical harmonics of the light of an unobstructed lamp, divided by `unit`, from its
 // solid angle and the `integral` of directions over it. If the horizon cuts a round lamp, all but the part along
 // the normal is approximate.
-mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
+mat3x4 sbl_unobstructed_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 integral = vec3(0);
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -323,8 +324,9 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - versine);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_LOCAL_LIGHT) {
-            s.distance = l.away * (1.0 - versine) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
-            s.distance = max(s.distance, max(SBL_LIGHT_AWAY * above, 1e-18));
+            s.distance = l.distance * (1.0 - versine) -
+                         sqrt(max(l.radius * l.radius - l.distance * l.distance * r * r, 0.0));
+            s.distance = max(s.distance, max(SBL_LIGHT_LEAST * above, 1e-18));
         }
     }
     s.light *= max(dot(sensor_normal, s.direction), 0.0);

@@ -1,8 +1,8 @@
 // Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
 // surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure
 // the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic direct
-// illumination and stochastic shadows". If there are many lamps, distant ones form clusters; a ray towards a
-// cluster picks one of its lamps, in proportion to their light.
+// illumination and stochastic shadows". If there are many lamps, those that are far away form clusters; a ray
+// towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray
@@ -18,8 +18,8 @@ uniform float scale;                  // factor from R to the output
 const bool inspected = true, directional = false;
 uniform int invocations;              // number of invocations that measured the look, see sbl__aim
 uniform int sheet_slot;               // slot of the look's views in the view texture
-SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
-                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
+SBL_OUT(0, out_light);                // a ray: rgb: its light; a: 0: not traced, 1: reached the lamp, 2: blocked.
+                                      // An entry: rgb: its unobstructed R; a: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
 SBL_OUT(1, out_direction);            // xyz: a ray's direction, or 0 for an entry; w: index of the lamp's leaf
 #else
@@ -42,7 +42,8 @@ const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is b
 const float SBL_GLOW_RAYS = 0.25;   // least fraction of the rays that glows get, because stronger lamps may be
                                     // hidden
 const float SBL_FAVOUR_MOST = 1e6;  // upper limit of the factor by which the strengths of glows are increased
-const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
+const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries into their array; each attempt
+                                    // doubles the opening
 #ifdef SBL_LOBE
 const float SBL_SPARSE = 4.0;       // an invocation that is expected to send fewer rays than this to the lamps
                                     // of one facing does not use the ratio seen / open for these lamps,
@@ -155,11 +156,11 @@ void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
 #endif
 
 // Returns the R (divided by `unit`) that an unobstructed lamp causes at the sensor. With SBL_LOBE, returns the
-// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form of the
-// cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns 0, because
-// the mirror's rays find the lamps.
+// mean radiance (divided by `unit`) that the lobe receives from the lamp: for a triangle, the closed form for the
+// transformed cosine (see sbl_cosine_factor); otherwise a rough estimate, above 0. For a perfect mirror, returns
+// 0, because the mirror's rays find the lamps.
 vec3 sbl_expected(sbl_Lamp l) {
-    vec3 light = sbl_unhindered(l);
+    vec3 light = sbl_unobstructed(l);
 #ifdef SBL_LOBE
     if (l.kind != SBL_LAMP_TRIANGLE) light *= lobe_scale * sbl_lobe_factor(lobe, l.corner) + SBL_LOBE_STRENGTH;
     if (lobe.alpha == 0.0) light = vec3(0);
@@ -168,9 +169,9 @@ vec3 sbl_expected(sbl_Lamp l) {
 }
 
 #ifdef SBL_LOBE
-// Returns the factor of the linearly transformed cosine for light from a direction: the result of sbl_lobe_factor,
-// divided by the lobe's albedo, if the lobe were this cosine. The closed form of a lamp is its light in the
-// cosine. Rays measure the fraction that arrives; `sampled` adds the difference between the lobe and the cosine.
+// A linearly transformed cosine approximates the lobe, and the closed form of a lamp is its light in this cosine.
+// Returns the factor of the cosine for light from a direction, as sbl_lobe_factor / albedo is for the lobe. Rays
+// measure the fraction of the light that arrives; `sampled` adds the difference between the lobe and the cosine.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
     float length2 = dot(w, w), cosine = dot(direction, sensor_normal);
@@ -178,7 +179,7 @@ float sbl_cosine_factor(vec3 direction) {
 }
 #endif
 
-// Returns true if sbl_unhindered(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.
+// Returns true if sbl_unobstructed(l) is a closed-form result. With SBL_LOBE: only for triangles in a rough lobe.
 bool sbl_has_closed_form(sbl_Lamp l) {
 #ifdef SBL_LOBE
     return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;
@@ -216,7 +217,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         if (!point && sbl_has_closed_form(l)) {
             whole += outerProduct(light, l.facing);
             sbl_add_layers(whole_layers, l, light);
-            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
+            if (directional) whole_harmonics[l.facing.y > 0.0 ? 1 : 0] += sbl_unobstructed_harmonics(l);
         }
     }
     if (strength > 0.0) {
@@ -296,8 +297,8 @@ int sbl_pick_entry(inout sbl_Pick p) {
 // form times the ratio seen / open, unless its facing is sparse. All other lamps give the mean of the rays' light,
 // which `sampled` sums, except that `sure` sums the exact light of the `certain` point lights. With SBL_LOBE,
 // `sampled` also sums the difference between the lobe and the cosine of the closed form (see sbl_cosine_factor).
-mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by facing: sums of the rays' light without obstruction, and with
-                                              // it
+mat2x3 open = mat2x3(0);                      // by facing: light of the rays, if none of them were obstructed
+mat2x3 seen = mat2x3(0);                      // by facing: light of the rays that arrives at the sensor
 vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light that the other rays have sampled
 vec2 samples = vec2(0), lit = vec2(0);        // by facing: number of rays in `open`; how many of them reached
                                               // lamps
@@ -310,7 +311,8 @@ float squares = 0.0;                          // sum of the squared luminances o
 vec2 lobe_squares = vec2(0);                  // by facing: sum of squared luminances of the rays' light in `open`
 #endif
 vec2 sparse;                                  // by facing: 1: too few rays for the ratio seen / open; 0: enough
-vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of unblocked, of blocked rays and rim samples
+vec2 unblocked = vec2(0), blocked = vec2(0);  // by facing: number of rays and rim samples that arrive; number of
+                                              // those that do not
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
 #ifdef SBL_GROUPS
@@ -320,37 +322,37 @@ vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of 
 vec4 report = vec4(0), report_direction = vec4(0);  // inspections: out_light / unit, and out_direction
 bool reporting;                                     // true: sbl_shoot reports its ray
 
-// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
+// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: the lamp is a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
     bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.facing) > 0.0;
-    vec3 light = s.light / p.chance, to = s.direction, unhindered = light;
+    vec3 light = s.light / p.chance, to = s.direction, unobstructed = light;
 #ifdef SBL_LOBE
-    unhindered *= sbl_cosine_factor(s.direction);
+    unobstructed *= sbl_cosine_factor(s.direction);
     float mis = lobe_rough ? 0.0 : sbl_mis_of_lobe(l, s, sbl_lobe_density(lobe, s.direction));
     if (!at_rim) light *= (1.0 - mis) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.chance;
 #endif
     vec4 to_harmonics = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;
-    vec3 either = light + unhindered;
+    vec3 either = light + unobstructed;
     if (!(either.r + either.g + either.b > 0.0)) return;
     if (directional)
         to_harmonics = sbl_harmonics(s.direction, sensor_normal,
                                      1.0 / max(dot(s.direction, sensor_normal), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.facing.y > 0.0 ? 1 : 0] += outerProduct(to_harmonics, light);
-        open += outerProduct(unhindered, l.facing);
-        sbl_add_layers(open_layers, l, unhindered);
+        open += outerProduct(unobstructed, l.facing);
+        sbl_add_layers(open_layers, l, unobstructed);
         samples += l.facing;
 #ifdef SBL_LOBE
-        float weight = dot(unhindered, SBL_LUMINANCE);
+        float weight = dot(unobstructed, SBL_LUMINANCE);
         lobe_squares += weight * weight * l.facing;
 #endif
     }
     if (s.distance < SBL_UNBOUNDED) to = s.distance * s.direction + (position - ray_origin);
-    float away = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(ray_origin, to / away,
-                            s.distance < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED, SBL_RAY_SHADOW);
+    float to_length = s.distance < SBL_UNBOUNDED ? length(to) : 1.0;
+    float limit = s.distance < SBL_UNBOUNDED ? to_length * SBL_BEFORE_LAMP : SBL_UNBOUNDED;
+    sbl_Hit hit = sbl_trace(ray_origin, to / to_length, limit, SBL_RAY_SHADOW);
     vec3 filtered = sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
@@ -358,7 +360,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #endif
     if (reporting) {
         report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));
-        report_direction = vec4(point ? vec3(0) : to / away, p.leaf);
+        report_direction = vec4(point ? vec3(0) : to / to_length, p.leaf);
     }
     if (!point && (at_rim || !cluster)) {
         if (hidden) blocked += l.facing;
@@ -368,9 +370,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
     if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);
 #endif
-    float unfiltered = max(dot(unhindered, SBL_LUMINANCE), SBL_DIVISOR_LEAST);
+    float unfiltered = max(dot(unobstructed, SBL_LUMINANCE), SBL_DIVISOR_LEAST);
     light *= filtered;
-    unhindered *= filtered;
+    unobstructed *= filtered;
     if (reporting && !point) report.rgb = light;
     mat3x4 harmonics = outerProduct(to_harmonics, light);
     if (directional && point) sure_harmonics += harmonics;
@@ -385,14 +387,14 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         float mean = dot(light, SBL_LUMINANCE);
         squares += mean * mean;
     } else {
-        seen += outerProduct(unhindered, l.facing);
-        sbl_add_layers(seen_layers, l, unhindered);
+        seen += outerProduct(unobstructed, l.facing);
+        sbl_add_layers(seen_layers, l, unobstructed);
         lit += l.facing;
-        float factor = filtered == vec3(1) ? 1.0 : dot(unhindered, SBL_LUMINANCE) / unfiltered;
+        float factor = filtered == vec3(1) ? 1.0 : dot(unobstructed, SBL_LUMINANCE) / unfiltered;
         factors += factor * l.facing;
         factor_squares += factor * factor * l.facing;
 #ifdef SBL_LOBE
-        vec3 rest = light - unhindered;
+        vec3 rest = light - unobstructed;
         float mean = dot(rest, SBL_LUMINANCE);
         sampled += rest;
         squares += mean * mean;

@@ -59,11 +59,11 @@ struct sbl_Lobe {
 
 // view_direction: to the viewer
 sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {
-    vec3 across = view_direction - dot(view_direction, normal) * normal;
-    float size = length(across);
+    vec3 tangent = view_direction - dot(view_direction, normal) * normal;
+    float size = length(tangent);
     float alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;
     sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, alpha);
-    if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);
+    if (size > 1e-4) l.frame = mat3(tangent / size, cross(normal, tangent / size), normal);
     l.view = view_direction * l.frame;
     l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));
     return l;
@@ -124,9 +124,9 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 // Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
 // of the triangle; to_point: vector from the viewer to the point
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {
-    // Vectors are divided by `away` before they are multiplied, because the products would underflow.
-    float away = max(length(to_point), SBL_DIVISOR_LEAST);
-    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), to_point / away)), 1e-30);
+    // Vectors are divided by `size` before they are multiplied, because the products would underflow.
+    float size = max(length(to_point), SBL_DIVISOR_LEAST);
+    return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);
 }
 
 const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles

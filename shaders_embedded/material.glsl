@@ -124,7 +124,7 @@ vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
     return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
-// Returns sbl_emission_pattern, or 0 if the point lies in a hole. Rays towards a lamp also end in its holes.
+// Returns sbl_emission_pattern, or 0 if the point lies in a hole: rays towards a lamp may also end in its holes.
 vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {
     vec3 pattern = sbl_emission_pattern(object, at);
     for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)
@@ -225,9 +225,9 @@ struct sbl_Bounce {
     vec3 weight;  // factor of the radiance that the ray returns
 };
 
-// Samples the direction of light that a surface reflects, with a cosine distribution. across: normal of any
+// Samples the direction of light that a surface reflects, with a cosine distribution. face_normal: normal of any
 // length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square
-sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {
-    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;
+sbl_Bounce sbl_bounce(sbl_Material m, vec3 face_normal, vec3 to_receiver, vec2 u) {
+    vec3 normal = dot(face_normal, face_normal) > 0.0 ? normalize(face_normal) : to_receiver;
     return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);
 }

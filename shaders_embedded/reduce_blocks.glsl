@@ -3,8 +3,9 @@ uniform sampler2D view_texture;  // written by sensor_fragment.glsl
 uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth
 uniform int block;               // width and height of a block, in texels
 SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces
-SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; smallest distance; 0
-uniform sampler2D directions;    // SBL_DIRECTIONAL: d of each texel of a sheet, for a look of rotation 0
+SBL_OUT(1, out_hits);            // of texels that show surfaces: sum of weights; sum of weight * distance; least
+                                 // distance; 0
+uniform sampler2D directions;    // with SBL_DIRECTIONAL: direction of each texel of a sheet, if the rotation is 0
 SBL_OUT_HARMONICS(2, 3, 4)
 
 void main() {

@@ -1,7 +1,7 @@
 // Writes a texel of a sensor's view.
 layout(location = 0) out vec4 out_radiance;  // rgb: radiance towards the sensor (Ck of the paper); a: distance
                                              // along the view's axis in scene extents, negative for a back face
-in vec3 clip;                               // x, y and w of the position in clip space
+in vec3 clip;                                // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // in texels
 uniform float radiance_scale;
 uniform int first_triangle;                  // index in the scene of the draw call's first triangle

@@ -8,14 +8,14 @@ uniform float sky_limit;            // radiance (largest component) above which 
 // Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
     vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);
-    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);
-    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);
+    float azimuth = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);
+    return vec2(0.5 + azimuth, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);
 }
 
-// Inverse of sbl_sky_at: returns the world direction for a position in the picture. across: 0 to 1 from left to
+// Inverse of sbl_sky_at: returns the world direction for a position in the picture. u: 0 to 1 from left to
 // right; z: cosine of the angle between the direction and sky_up
-vec3 sbl_sky_direction(float across, float z) {
-    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
+vec3 sbl_sky_direction(float u, float z) {
+    float angle = 2.0 * SBL_PI * (u - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
     return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;
 }
 

@@ -81,8 +81,8 @@ vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     float along = length(x);
     if (along < SBL_TANGENT_LEAST) return normal;
     x /= along;
-    vec3 across = cross(normal, x);
-    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;
+    vec3 bitangent = cross(normal, x);
+    return v.x * x + v.y * (dot(bitangent, y) < 0.0 ? -bitangent : bitangent) + v.z * normal;
 }
 
 // Returns the normal-mapped shading normal, not normalised, at least SBL_GRAZING above the triangle's plane, on
@@ -104,18 +104,18 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
 
     sbl_Surface s;
     s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);
-    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
-    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
+    vec3 edges_cross = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
+    float widest = max(max(abs(edges_cross.x), abs(edges_cross.y)), abs(edges_cross.z));
     // short vectors are scaled first, because their squared length may underflow in normalize
-    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);
+    vec3 face = normalize(widest > 1e-15 ? edges_cross : widest > 0.0 ? edges_cross / widest : -direction);
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
-    s.least_height = f.size * length(across) / longest;
+    s.least_height = f.size * length(edges_cross) / longest;
     s.reach = length(f.p0) + 2.0 * f.size * longest;
     // Keeps points away from the triangle's sides. Otherwise a sensor in a crease would stand in the plane of the
     // other surface, and see past it.
     vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);
     for (int k = 0; k < 3; k++) {
-        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;
+        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(edges_cross) / side;
         float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;
         s.position += max(lacks, 0.0) / side * cross(face, sides[k]);
     }
@@ -165,7 +165,8 @@ vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
 #endif
 
 #ifdef SBL_LIGHTMAP
-// Returns the surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).
+// Returns the surface point seen from the front: the side to which the vertex normals point (see
+// sbl_lightmap_desc).
 sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
     sbl_Facet f = sbl_facet(triangle);
     vec3 face = normalize(cross(f.s1, f.s2));

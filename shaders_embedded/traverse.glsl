@@ -134,7 +134,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
             per = inverse / sbl_grid_per_length(grid);
             offset = (sbl_grid_origin(grid) - origin) * inverse;
             if ((node & 0xf0000000u) == SBL_ENTER) {
-                stack[++top] = SBL_LEAVE | sbl_grid_around(grid);
+                stack[++top] = SBL_LEAVE | sbl_grid_outer(grid);
                 node = sbl_grid_root(grid);
             } else node = stack[top--];
             leaf = false;
