@@ -14713,8 +14713,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
                                        (pooled ? (unsigned)SBL__POOLED : 0));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: paths add the light of glows where
-                                                                      they hit them */
+    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: a path adds the light of a glow where
+                                                                    the path hits the glow */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -14761,9 +14761,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
 #define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one ray towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
-#define SBL__TEXEL_NOISE 2.6f      /* standard error, as a fraction of R, that the texels of views cause: this /
-                                      sbl__spec.size; its square is added to a look's variance; measured in a box with a
-                                      lamp */
+#define SBL__TEXEL_NOISE 2.6f      /* the texels of views cause a standard error of R * this / sbl__spec.size, whose
+                                      square is added to the variance of a look; measured in a box with a lamp */
 
 /* What a job measures. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -14887,14 +14886,14 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Returns options.backend. Replaces SBL_BACKEND_AUTO by rules that depend on the input, not on times. */
+/* Returns options.backend. If it is SBL_BACKEND_AUTO, chooses a back end by the input alone, not by measured times. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface in world units. reach: of the triangle (see surface.glsl), used if
-   rays are traced; 0: unknown */
+/* Returns the distance of sensors from their surface in world units. reach: reach of the triangle, see surface.glsl;
+   used if rays are traced; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -14944,7 +14943,7 @@ static const sbl__slots *sbl__look_slots(const sbl__job *j, int look_kind) {
 
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__look_slots(j, j->look_kind); }
 
-/* Returns the factor of all radiance in the job's textures. */
+/* Returns the factor from radiance to the values in the job's textures. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
 /* Returns the layout of a look's views, or NULL if sensors trace rays. */
@@ -15219,8 +15218,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double allowed, double *units) {
 }
 
 /* Draws one submission of rays, or up to SBL__SUBMISSIONS of views if the slice allows, without waiting between them:
-   software renderers prepare one while they draw another. Returns SBL_SUCCESS when the slots are full or the round
-   ends. */
+   software renderers prepare a submission while they draw the previous one. Returns SBL_SUCCESS when the slots are full
+   or the round ends. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -15405,8 +15404,8 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    A sensor is stuck if its offset moved it through another surface into a body. A look's fraction of back faces does
    not prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls.
    Therefore a site whose first look sees more back faces than SBL__SUSPECT_FRACTION gets a stuck test, which looks from
-   the sensor back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the
-   walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
+   the sensor back to its surface. If rays have a limited length, each site gets a stuck test, because the rays may not
+   reach the walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
    SBL__STUCK_FRACTION of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
@@ -15582,8 +15581,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    >>storing do the work. Later rooms call only three functions of these rooms: sbl__bounce_step, sbl__bounce_progress
    and sbl__bounce_end.
 
-   Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
-   SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
+   Rays from samples of all surfaces find positions that surfaces see. These positions become points. Each leaf gets up
+   to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
    until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the store has too many leaves, or
    too few, the work begins again with cells of another size. If it has too few, small triangles get samples, too.
 
@@ -15599,8 +15598,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
        >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
-       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> SITES -> LIGHT
-                           (>>solution) -> CORRECT -> GLOW, then again from SITES on
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> GLOW -> SITES ->
+                           LIGHT (>>solution) -> CORRECT -> GLOW, then again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
        >>storing           LAMPS -> SEND -> AIR */
 
@@ -15619,10 +15618,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
 #define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps is
                                       measured at all points; rounds of division take the rest */
-#define SBL__AIR_SITES 54          /* six sites at each of nine positions */
+#define SBL__AIR_SITES 54          /* sites in the air, see sbl__bounce_after_send: six at each of nine positions */
 #define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
 
-#define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
+#define SBL__NOWHERE 0xffffffffu   /* value of sbl__hit.side and sbl__hit.leaf if there is no side or leaf */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample */
@@ -15665,7 +15664,7 @@ typedef struct sbl__leaf_found {
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
-enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
+enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };  /* see sbl__bounce_leaf.bright */
 
 /* What is measured because of glows, in this order: nothing; the light of lamps at positions on glows; the light of
    glows at the points of bright leaves; the light of glows at all points */
@@ -15748,9 +15747,9 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
-    int glows;                       /* SBL__GLOWS_NOWHERE and so on. The points' rays skip bright leaves from
-                                        SBL__GLOWS_AT_BRIGHT on. Then SBL__GLOWS_EVERYWHERE fixes the light of bright
-                                        leaves */
+    int glows;                       /* SBL__GLOWS_NOWHERE and so on. From SBL__GLOWS_AT_BRIGHT on, the points' rays
+                                        skip bright leaves. From SBL__GLOWS_EVERYWHERE on, the light of bright leaves is
+                                        fixed */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
 
@@ -15831,7 +15830,7 @@ typedef struct sbl__bounce {
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
    that the rays of points find after they have hit metal (sbl__bounce_point.metal_light). */
 
-#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
+#define SBL__CAST_COLUMNS 256      /* SBL__CAST_COLUMNS x SBL__CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
 #define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
 
@@ -16179,10 +16178,9 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
-                                                                              least reflecting / area if that is less.
-                                                                              Cells of the widest level are then as long
-                                                                              as level-0 cells with growth 1 */
+/* patching.growth is at least this or, if it is less, patching.reflecting / patching.area. With this growth, cells of
+   the widest level are as long as level-0 cells with growth 1. */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))
 #define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
 #define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
                                       cells shrink even if the last shrinking did not double the number of leaves that
@@ -16193,8 +16191,8 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
                                           surface samples per area of a cell of the level sbl__store.unseen_level */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
                                          get cells of the widest level, otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
-                                             that are too small to get a surface sample by area get one, too */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, at most about this many of the triangles
+                                             that are too small to get a surface sample by their area get one, too */
 #define SBL__BOUNCE_LONG 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
@@ -16415,10 +16413,10 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD positions
-   behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
-   before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
-   only the leaf's state is prefetched. */
+/* Prefetches memory for two later hits of the queue. For hit number + SBL__BOUNCE_AHEAD, this is the bucket of its
+   cell. For hit number + SBL__BOUNCE_AHEAD / 2, whose bucket was prefetched before, it is the state of the leaf, or the
+   cut, to which the bucket leads. For a hit that already has a leaf, because it is placed again, it is only the state
+   of the leaf. */
 static void sbl__cells_prefetch(sbl__bounce *b, int number) {
     const sbl__store *s = b->store;
     const sbl__hit *hits = b->queue.list;
@@ -16474,7 +16472,7 @@ static sbl_result sbl__cells_assign(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes a list of hits the queue, without copying it. Returns the stage that makes points of them. */
+/* Makes `list` the queue, without copying it. Returns the stage ASSIGN, which makes points of the hits. */
 static int sbl__cells_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -16652,7 +16650,7 @@ static int sbl__cells_after_cast_points(void *work) {
 
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
                                       both belong to one patch, which is smooth */
-#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
+#define SBL__CONTACT_SLANT 0.999   /* the same cosine if the surface and the plane belong to different patches */
 #define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 
@@ -16703,8 +16701,10 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the flat patch of `at` meets the plane that its contact ray hit, within the bounds of this patch
-   and of the patch hit or, if that is not flat, of the triangle hit. Returns 0 if the line is empty or short. */
+/* Makes the contact line of `hit`, where a contact ray from `at` ended: the line where the flat patch of `at` meets the
+   plane of the triangle that was hit. The line ends at the bounds of this patch, and of the patch that was hit or, if
+   that patch is not flat, of the triangle. Returns 0 if the patch of `at` is not flat, or if the line is empty or
+   short. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -16795,7 +16795,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
     int k;
-    for (k = 0; k < 3; k++) {  /* next: where, 0 to 1 along the line, it leaves the current cube on each axis */
+    for (k = 0; k < 3; k++) {  /* next: where the line leaves the current cube on each axis, 0 to 1 along the line */
         const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
         const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
         next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
@@ -17047,7 +17047,7 @@ static sbl_result sbl__solution_site(void *work, int at) {
     if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
     if (b->glows == SBL__GLOWS_AT_BRIGHT && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
     site = sbl__solution_add_site(b, hit->position, hit->side, (uint32_t)at);
-    site->suspect = !b->glows && sbl__point_is_suspect(b, at);
+    site->suspect = !b->glows && sbl__point_is_suspect(b, at);  /* later jobs use the stuck tests of the first */
     return SBL_SUCCESS;
 }
 
@@ -17071,7 +17071,7 @@ static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.layers = b->found_layers;
     }
     if (direct && b->glows >= SBL__GLOWS_AT_BRIGHT) {
-        task.spec.glows = 1;  /* the first job has found out which points are stuck */
+        task.spec.glows = 1;
         task.spec.lamp_rays = b->glows == SBL__GLOWS_AT_BRIGHT ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
@@ -17447,7 +17447,7 @@ static int sbl__solution_grouped_leaves(void *work) {
    Divides leaves in which the light varies. Light varies most close to lamps, and some leaves are read by more rays
    than others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get
    points. A leaf that very many rays read gets further points, because its error makes the whole scene too bright or
-   too dark. This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one
+   too dark. Both decisions use the variance of all points in a region, not that of one leaf: otherwise, leaves with one
    point that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as
    they are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
    rest. */
@@ -18141,9 +18141,9 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
     return light * light * cover * SBL__MIN(across * across, 1);
 }
 
-/* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
-   noise that other leaves have sent, combined with the error of cells whose light varies, see
-   sbl__uncertainty_smoothed2. */
+/* Restores a leaf's light, and makes the red of a bright leaf negative again. Sets its uncertainty to
+   SBL__UNCERTAINTY_STRATA * the relative noise that other leaves have sent, combined with the error of cells whose
+   light varies, see sbl__uncertainty_smoothed2. */
 static sbl_result sbl__uncertainty_leaf(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -18175,8 +18175,8 @@ static sbl_result sbl__uncertainty_leaf(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, so that they are the same as
-   after sbl_load_store. */
+/* Drops the glows. They are made again from the final light of leaves, whose low bits hold the uncertainty, so that
+   they are the same as after sbl_load_store. */
 static int sbl__uncertainty_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
@@ -18642,9 +18642,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Adaptive placement of sensors (section III-G). The rooms from here to >>fill choose the positions of sensors and the
-   number of looks of each, interpolate their light to the other pixels, and predict the remaining error. This room
-   declares the data and the stages; its functions are about single pixels and sensors.
+   Adaptive placement of sensors (section III-G of the paper). The rooms from here to >>fill choose the positions of
+   sensors and the number of looks of each, interpolate their light to the other pixels, and predict the remaining
+   error. This room declares the data and the stages; its functions are about single pixels and sensors.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
    sites for a job (LIST), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
@@ -18660,8 +18660,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    With a threshold (always in SBL_MODE_PAPER), tiles are instead split where light differs by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
-       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
-       |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
+       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the sensor on the
+       |       |       |      *   *   *       |        common edge tests the interpolation of the right tile
        o       o       o      o   *   o       o
 
    The stages, of which those of guides and places are only needed in some pictures and lightmaps:
@@ -18717,7 +18717,6 @@ typedef struct sbl__pixel_lobe {
 } sbl__pixel_lobe;
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
-
 
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
@@ -19179,10 +19178,11 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *t, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
-   beyond this end. If only one end has such a sensor, the other end gets the opposite value. If neither has one (at
-   length 1 and in SBL_MODE_PAPER none is sought), the values are minus and plus the difference between the ends, as at
-   a step. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns 0. */
+/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one edge
+   length beyond this end. If only one end has such a sensor, the other end gets the opposite value. If no end has such
+   a sensor, the values are minus and plus the difference between the ends, as at a step; this applies to all edges of
+   length 1 and in SBL_MODE_PAPER. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns
+   0. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
     const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
@@ -19270,7 +19270,8 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
 }
 
 /* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
-   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the second. */
+   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the error of
+   extrapolation. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *t) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -19355,7 +19356,8 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *t) {
 /* Summary of the sensors at a tile's corners */
 typedef struct sbl__corners {
     int looks;                /* fewest looks of any usable sensor; 0: no corner has a usable sensor */
-    int is_new;               /* 1: the last round has read at least one of the sensors, or it was round 0 */
+    int is_new;               /* 1: the last round has read at least one of the sensors, or the last round was round
+                                 0 */
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
@@ -19671,10 +19673,10 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>places
-   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden and whose light is not
-   shown. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from which
-   light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor then
-   looks from some of the open positions, its places, and the texel gets about the median of their light
+   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden, and which texels do not
+   show their own light. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel:
+   those from which light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's
+   sensor then looks from some of the open positions, its places, and the texel gets about the median of their light
    (sbl__places_mean). */
 
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_FRACTION of its hemisphere at a mean distance
@@ -19693,7 +19695,8 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
 #define SBL__HIDDEN_BACK 0.8f
 #define SBL__HIDDEN_COVER 0.1f
 #define SBL__HIDDEN_REACH 2       /* distance_limit of the sensors of a lightmap, in widths of a texel */
-/* Search for the places of a refused texel: the positions in it from which light can leave. */
+/* Search for the places of a refused texel (see sbl__places_refuse): positions in the texel from which light can
+   leave */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
@@ -19718,10 +19721,10 @@ static int sbl__places_is_behind(const sbl__refine *r, const sbl_reading *readin
            reading->hit_min < r->distance_limit && r->lit_backs <= 0.5 * r->lit;
 }
 
-/* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, it is close behind a surface, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice:
-   it is dark and sees back faces, unlike most lit sensors. A touched texel is close to the edge of a surface that hides
-   texels, so that light changes within the texel. */
+/* Returns the occlusion of a texel; 0 in pictures. A texel is hidden, so that no viewer sees it, in three cases.
+   Surfaces cover it, mostly closer than its width. It is close behind a surface. It is inside a solid or, in
+   SBL_MODE_GI, behind a shell such as a cornice: it is dark and sees back faces, unlike most lit sensors. A touched
+   texel is close to the edge of a surface that hides texels, so that light changes within the texel. */
 static int sbl__places_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -20180,7 +20183,8 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), because errors are more visible
+                                           in dark areas */
 #define SBL__EXPECT_POWER 1.5           /* expected_weight = (expected final / present squared error) ^ this */
 #define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
                                            bought, until it is the price */
@@ -20210,11 +20214,11 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 /* Returns the number of pixels over which the picture's error is averaged. */
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
-/* Returns the square of (mean of FINAL without emission) / (mean R). (Relative error of R) * (albedo with which a pixel
-   shows it) / (this ratio) is the relative error of FINAL. The mean is the one that the host has set, or an estimate,
-   with R in place of the light in lobes: that of the last weighing or, before it, (mean albedo) * (mean R). Returns 1
-   if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of
-   FINAL. Must be called before r->sum is set to 0. */
+/* Returns the square of s = (mean of FINAL without emission) / (mean R). If R has the relative error e at a pixel,
+   FINAL has the relative error e * (albedo of the pixel) / s. The mean of FINAL is set by the host, or else estimated
+   with R in place of the light in lobes: by the last weighing or, before the first weighing, as (mean albedo) * (mean
+   R). Returns 1 if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the
+   mean of FINAL. Must be called before r->sum is set to 0. */
 static float sbl__weigh_shown2(const sbl__refine *r) {
     const double pixels = SBL__MAX(r->shown_pixels, 1.0);
     double mean = (r->diffuse + r->specular) / pixels, light = 0;
@@ -20440,8 +20444,8 @@ static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
 static int sbl__weigh_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
 static int sbl__weigh_weighed_tiles(void *work) { return ((sbl__refine *)work)->first_new; }
 
-/* Splits a tile if that is worth at least r->least_worth. Otherwise doubles the looks of its sensors as often as each
-   doubling is worth it. */
+/* Splits a tile if the split is worth at least r->least_worth. Otherwise doubles the looks of its sensors as long as
+   the next doubling is worth at least r->least_worth. */
 static sbl_result sbl__weigh_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *t = &r->tiles[at];
@@ -20473,8 +20477,8 @@ static sbl_result sbl__weigh_spend(void *work, int at) {
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
-   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
+/* Adds the reading of a site to the running means of its pixel. For a texel with places, waits for the reading of its
+   last look, and adds the trimmed mean of all its looks (sbl__places_mean). Validates the pixel's first reading. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -21030,8 +21034,8 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H, which
-   stops at edges. */
+   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H of the
+   paper, which stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
@@ -21441,12 +21445,12 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 
        sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B are the bilinear weights at the point's two positions in the map, and x0 is x before. Channels of R
-   that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair of edges of
-   triangles with the same ends and normals in the world, but not in the map: where normals differ, light may differ.
-   The normals are those by which the map is lit: facets that facet_limit affects have their true normals. Points where
-   light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided beneath the
-   wall. */
+   where A and B are the bilinear weights at the point's two positions in the map, and x0 are the texels before the
+   change. Channels of R that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair
+   of edges of triangles with the same ends and normals in the world, but not in the map: where normals differ, light
+   may differ. The normals are those by which the map is lit: facets that facet_limit affects have their true normals.
+   Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided
+   beneath the wall. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
@@ -21668,7 +21672,7 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
-   right-hand side. Before the first solution of a layer, also frees all channels of the point's texels to change. */
+   right-hand side. Before the first solution of a layer, also lets all channels of the point's texels change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -21781,8 +21785,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
    and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
    one table. */
 
-/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during
-   refinement; [1]: afterwards */
+/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during refinement; [1]:
+   afterwards */
 typedef struct sbl__need {
     double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
     double pixels;              /* number of working pixels */
@@ -22482,9 +22486,9 @@ static double sbl__map_seconds_left(const sbl__map *m) {
 }
 
 /* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
-   SBL__MAP_R_DONE to 0.95 while reflections are measured, 0.95 to 0.99 after that, 1 at the end. Progress never
-   decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, it grows to at most
-   four times its value. */
+   SBL__MAP_R_DONE to 0.95 while reflections are measured, 0.96 to 0.99 after that, 1 at the end. Progress never
+   decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, progress grows to at
+   most four times its value. */
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
@@ -22653,7 +22657,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve */
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
-#define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
+#define SBL__LOBE_FORESEEN 0.3f   /* in lobes of a larger roughness, light is expected to change where R changes */
 #define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of (number of cells that a lobe sees) / (number of cells that R
                                        depends on), because errors of neighbouring cells are similar */
 #define SBL__PANE_ERROR 0.13f     /* assumed relative error of the stored light that panes show */
@@ -23335,8 +23339,8 @@ static uint32_t sbl__lightmap_subtexel_id(const sbl__map *m, int texel, int i) {
 }
 
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
-   m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
-   to the nearest of all. */
+   m->shown[texel] to the one of these pixels that is nearest to the texel's centre. If no pixel shows a surface, sets
+   it to the nearest of all pixels, and returns 0. */
 static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
     const int subtexels = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -23410,8 +23414,8 @@ static sbl_result sbl__lightmap_rows(const sbl__map *m, int at, int rows, float 
     return result;
 }
 
-/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. Also keeps the light of supersampled
-   texels in layer 0 in l->mean. */
+/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. Also keeps the light of layer 0 in
+   l->mean if texels are supersampled. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -23476,8 +23480,9 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
 
 /* Makes the light groups of a texel or vertex add up to its R. In each channel, sets values below 0 to 0, and
    multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
-   from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
-   vertex; lights: per group, the floats of all texels or vertices; at: index of the first float of this one */
+   from R, because of rounding, and because interpolation, clamps and seams treat each layer separately. whole: R of the
+   texel or vertex; lights: per group, the floats of all texels or vertices; at: index in these of the first float of
+   the texel or vertex */
 static void sbl__groups_scale(const float whole[3], float *const *lights, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
@@ -23875,9 +23880,9 @@ static const sbl__front_end sbl__readings_front_end = {
    share position and normal. Hat functions h interpolate the unknowns over the triangles. Without desc.average,
    conjugate gradients solve the normal equations that minimise the sum of
 
-       weight (sum of x h - R)^2           for each point; weight is the area that the point stands for
-       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; a slope is the slope
-                                           of light on one side of the edge, in units of light
+       weight (sum of x h - R)^2    for each point; weight: the area that the point stands for
+       smoothing area bend^2        for each hinge, an edge that two triangles share; bend: change of the slope of light
+                                    across the edge, in units of light, see sbl__hinge_make
 
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
@@ -24677,9 +24682,9 @@ static int sbl__probe_sites(const sbl__probes *p, int kind) {
 }
 
 /* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
-   the direction of a light, so it needs many axes; the odd part is smooth. So the latitudes fill only the half z >
-   0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
-   number of axes; and every other latitude is rotated by half a step. */
+   the direction of a light, and needs normals along many axes; the odd part is smooth. The latitudes therefore fill
+   only the half z > 0, within which a light at a pole causes no kink. Every other normal is replaced by its antipode,
+   which doubles the number of axes, and every other latitude is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *p, int i, double out[3]) {
     const int row = i / p->around, step = i % p->around, sign = (row + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / p->around, z = p->latitude[row], r = sqrt(1 - z * z);
@@ -24989,7 +24994,8 @@ static const sbl__front_end sbl__probes_front_end = {
 
 #define SBL__INSPECT_ACROSS 64  /* width of the target of the program for rays towards lamps, in texels */
 
-/* Data that outlive an inspection. The host may read the arrays until the next one, or until the map is freed. */
+/* Data that outlive an inspection. The host may read the arrays until the next inspection, or until the map is
+   freed. */
 typedef struct sbl__inspection {
     sbl__job job;               /* kept, because the next inspection reuses its textures */
     sbl_sensor_ray *rays;
@@ -25383,9 +25389,9 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces the rays of a sensor at unit distance from the triangle. *met: 1: more than half of the rays hit it, the
-   nearest hit is at about that distance, and R is the fraction of hits times 0.5, the triangle's radiance by ambient
-   light */
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1: more than half of the rays hit the triangle,
+   the nearest hit is at about unit distance, and R is 0.5, the radiance of the triangle by ambient light, times the
+   fraction of rays that hit */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
@@ -25486,8 +25492,8 @@ static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
 }
 
 /* Tries to create a context on a display and to make it current. pbuffer: 1: its surface is a pbuffer; 0: it has no
-   surface. *taken: becomes 1 if a context that EGL did not create, such as one of GLX, is current in this thread;
-   otherwise it stays. Returns EGL_SUCCESS or an error. */
+   surface. *taken: set to 1 if a context that EGL did not create, such as one of GLX, is current in this thread;
+   otherwise unchanged. Returns EGL_SUCCESS or an error. */
 static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 3,
                                     EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
@@ -26198,8 +26204,8 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     return 1;
 }
 
-/* Returns x, a large number of the same sign if x is infinite, or 0 if x is NaN. A product of two results is finite,
-   because compilers may assume that no number is infinite. */
+/* Returns x, a large number of the same sign if x is infinite, or 0 if x is NaN. The product of two results is finite,
+   too: compilers may assume that no number is infinite. */
 static double sbl__bounded(float x) {
     const uint32_t bits = sbl__float_bits(&x);
     return sbl__finite(&x) ? (double)x : bits << 9 ? 0.0 : bits >> 31 ? -1e150 : 1e150;
