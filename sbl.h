@@ -13854,9 +13854,9 @@ typedef struct sbl__trace {
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). Each invocation
-   then gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but they also get as
-   many, so that their sums have the same bits. */
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). An invocation
+   then gets SBL__POOL_RAYS rays, unless a limit of the driver allows fewer, because full pools are faster. Fragment
+   shaders share no rays, but get the same number of rays, so that their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
     const unsigned features = sbl__features_of(scene, spec), wanted = SBL__SPECULAR | SBL__BOUNCED;
     return (features & wanted) == wanted && (features & (SBL__GUIDED | SBL__LOBE)) && d->workgroup == SBL__LOCKSTEP &&
@@ -13903,18 +13903,18 @@ static const char *const sbl__glsl_guide[] = {
 "// Finds the interval that contains x among the 8 * texels intervals stored from texel `from` on. Returns the\n",
 "// interval's start, end and index.\n",
 "vec3 sbl_guide_interval(ivec2 from, int texels, float x) {\n",
-"    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);\n",
+"    vec3 interval = vec3(0, SBL_GUIDE_STEPS, -1);\n",
 "    for (int i = 0; i < texels; i++) {\n",
 "        uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);\n",
 "        vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);\n",
 "        vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));\n",
 "        vec4 last = max(a * begun_a, b * begun_b);\n",
 "        vec4 end = vec4(SBL_GUIDE_STEPS), next = min(mix(end, a, 1.0 - begun_a), mix(end, b, 1.0 - begun_b));\n",
-"        at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));\n",
-"        at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));\n",
-"        at.z += dot(begun_a + begun_b, vec4(1));\n",
+"        interval.x = max(interval.x, max(max(last.x, last.y), max(last.z, last.w)));\n",
+"        interval.y = min(interval.y, min(min(next.x, next.y), min(next.z, next.w)));\n",
+"        interval.z += dot(begun_a + begun_b, vec4(1));\n",
 "    }\n",
-"    return at;\n",
+"    return interval;\n",
 "}\n",
 "\n",
 "// Returns the first texel of a guide.\n",
@@ -13980,8 +13980,8 @@ static const char *const sbl__glsl_reflect[] = {
 "\n",
 "// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface\n",
 "// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.\n",
-"// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because\n",
-"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for\n",
+"// m.opacity, a factor of the lobe, is divided by this probability. A pane continues every ray, because sbl_passes\n",
+"// has chosen the rays that the pane reflects. The albedo of gloss becomes the albedo of its diffuse component for\n",
 "// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the\n",
 "// albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
@@ -13989,9 +13989,9 @@ static const char *const sbl__glsl_reflect[] = {
 "    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
 "        vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;\n",
-"        vec3 across = cross(side_1, side_2);\n",
-"        float sizes = length(across) * length(direction);\n",
-"        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;\n",
+"        vec3 cross_product = cross(side_1, side_2);\n",
+"        float sizes = length(cross_product) * length(direction);\n",
+"        float cosine = sizes > 0.0 ? abs(dot(cross_product, direction)) / sizes : 1.0;\n",
 "        vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));\n",
 "        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_STRONG, 1.0);\n",
 "        chance = max(chance, chance_least);\n",
@@ -14016,7 +14016,7 @@ static const char *const sbl__glsl_reflect[] = {
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
 "    vec3 to_lamp;           // unit direction of the ray to a lamp\n",
-"    float away;             // length of that ray; 0: no lamp gives light\n",
+"    float away;             // length of the ray to the lamp; 0: no lamp gives light\n",
 "    int number;             // index of the lamp's triangle in the scene, or -1\n",
 "    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
 "    int layer;              // layer of that light, see SBL_GROUPS\n",
@@ -14039,9 +14039,9 @@ static const char *const sbl__glsl_reflect[] = {
 "// Sequences\")\n",
 "const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);\n",
 "\n",
-"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to\n",
-"// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
-"// chance of the point among those that were tried, times its MIS weight.\n",
+"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: lobe of the hit; pick: random\n",
+"// number, 0 to 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it,\n",
+"// divided by the chance of the point among those that were tried, times its MIS weight.\n",
 "vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
 "    sbl_Sample tried = s;\n",
 "    vec3 light = vec3(0);\n",
@@ -14065,17 +14065,17 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a\n",
-"// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random\n",
-"// numbers\n",
+"// Samples the two rays that start at a hit: the ray to a lamp and the next segment. Called for hits of short rays\n",
+"// (see SBL_SEGMENTS) and if hit_continues is true. direction: direction of the ray that arrives at the hit. hash:\n",
+"// source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
 "    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
-"    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
+"    vec3 cross_product = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
 "    uvec4 random = uvec4(hash, 0, 0, 0);\n",
 "    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));\n",
-"    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));\n",
+"    sbl_Bounce bounce = sbl_bounce(material, cross_product, -direction, sbl_unit_square(random.xy));\n",
 "    sensor_normal = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
@@ -14168,8 +14168,8 @@ static const char *const sbl__glsl_trace[] = {
 "// cell are near. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
-"// For rays of a lobe, the factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
-"// over cells.\n",
+"// For rays of a lobe, SBL_FIRST_SCALE is lowered to this times the lobe's alpha, if that is less, because a\n",
+"// narrow lobe does not average over cells.\n",
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
@@ -14398,41 +14398,41 @@ static const char *const sbl__glsl_trace[] = {
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
 "shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared ivec2 pool_hits[2 * SBL_POOL];        // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray\n",
 "shared uint pool_hashes[2 * SBL_POOL];\n",
-"shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe\n",
+"shared vec2 pool_chances[2 * SBL_POOL];      // x: chance_least; y: alpha of the look's lobe\n",
 "shared vec3 pool_terms[SBL_TERMS * SBL_POOL];\n",
-"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued\n",
+"shared int pool_steps[SBL_LOCKSTEP];         // per invocation: number of steps of its rays after their first hits\n",
 "shared int pool_lost;                        // 1: an invocation has lost rays\n",
 "\n",
 "// Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup\n",
 "void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {\n",
-"    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
-"    pool_directions[at] = vec4(direction, hit.b1);\n",
-"    pool_throughputs[at] = vec4(throughput, hit.b2);\n",
-"    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
-"    pool_hashes[at] = hash;\n",
-"    pool_chances[at] = vec2(chance_least, 0);\n",
+"    int entry = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
+"    pool_directions[entry] = vec4(direction, hit.b1);\n",
+"    pool_throughputs[entry] = vec4(throughput, hit.b2);\n",
+"    pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
+"    pool_hashes[entry] = hash;\n",
+"    pool_chances[entry] = vec2(chance_least, 0);\n",
 "#ifdef SBL_LOBE\n",
-"    pool_chances[at].y = lobe.alpha;\n",
+"    pool_chances[entry].y = lobe.alpha;\n",
 "#endif\n",
 "}\n",
 "\n",
-"// Continues a ray of the pool by this segment. at: index of the ray in the pool\n",
-"void sbl_take(int at, int segment) {\n",
-"    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
-"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
-"                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);\n",
-"    direction = pool_directions[at].xyz;\n",
-"    throughput = pool_throughputs[at].rgb;\n",
-"    chance_least = pool_chances[at].x;\n",
+"// Continues a ray of the pool by this segment. entry: index of the ray in the arrays of the pools\n",
+"void sbl_take(int entry, int segment) {\n",
+"    int triangle = pool_hits[entry].x >> 1, ray = pool_hits[entry].y, steps = sbl_steps;\n",
+"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,\n",
+"                          pool_throughputs[entry].w, (pool_hits[entry].x & 1) != 0);\n",
+"    direction = pool_directions[entry].xyz;\n",
+"    throughput = pool_throughputs[entry].rgb;\n",
+"    chance_least = pool_chances[entry].x;\n",
 "#ifdef SBL_LOBE\n",
-"    lobe.alpha = pool_chances[at].y;\n",
+"    lobe.alpha = pool_chances[entry].y;\n",
 "#endif\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(triangle)), sbl_attributes_of(hit));\n",
 "    sbl_face_ray(material, hit, direction, false);\n",
 "    chance_least = 0.0;\n",
-"    uint hash = pool_hashes[at];\n",
+"    uint hash = pool_hashes[entry];\n",
 "    int term = SBL_TERMS * ray + 2 * segment;\n",
 "    sum.rgb = vec3(0);\n",
 "    bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
@@ -14442,7 +14442,7 @@ static const char *const sbl__glsl_trace[] = {
 "    pool_terms[term] = sum.rgb;\n",
 "    if (continues) sbl_pool(segment, hit, ray, hash);\n",
 "    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);\n",
-"    sbl_steps = steps;  // they count for the owner of the ray alone\n",
+"    sbl_steps = steps;  // the steps count for the invocation that owns the ray\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -14476,8 +14476,8 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);\n",
 "#endif\n",
-"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
-"    vec4 even = vec4(0);\n",
+"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, as `control` does\n",
+"    vec4 control = vec4(0);\n",
 "    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "#ifdef SBL_POOLED\n",
@@ -14543,7 +14543,7 @@ static const char *const sbl__glsl_trace[] = {
 "        }\n",
 "        vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
-"        even -= weight * to_harmonics;\n",
+"        control -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -14567,7 +14567,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_write_layers(layers);\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));\n",
+"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + control / float(rays));\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14590,13 +14590,13 @@ static const char *const sbl__glsl_mirrored[] = {
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
-"                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp\n",
+"const float SBL_MIRRORED_FRACTION = 4.0;  // SBL_MIRRORED_RAYS is multiplied by min(1, this * m / d). m: light of\n",
+"                                          // the mirrored lamps; d: unblocked direct light of the brightest lamp\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
 "vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width\n",
-"float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
+"float mirrored_chance[SBL_MIRRORED];      // probability of each, in descending order; the sum is 1\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
 "\n",
 "// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.\n",
@@ -14612,15 +14612,15 @@ static const char *const sbl__glsl_mirrored[] = {
 "    }\n",
 "}\n",
 "\n",
-"// Chooses the mirrored lamps of a sensor. The width of a highlight is that of the lobe, as seen from the sensor,\n",
-"// and of the lamp. A deviation of the ray by x turns the half vector by x / 2 * (distance to the lamp's image) /\n",
-"// (distance from the mirror to this image).\n",
+"// Chooses the mirrored lamps of a sensor. The squared width of a highlight is the sum of the squared widths of\n",
+"// the lobe and of the lamp, in radians, as seen from the sensor. A deviation of the ray by x turns the half\n",
+"// vector by x / 2 * (distance to the lamp's image) / (distance from the mirror to this image).\n",
 "void sbl_mirrored_begin(vec3 from, vec3 normal) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        mirrored_direction[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
-"    float most = 0.0, brightest = 0.0;\n",
+"    float most = 0.0, brightest = 0.0;  // most: factor of SBL_MIRRORED_RAYS\n",
 "    for (int i = 0; i < mirrored_count; i++) {\n",
 "        bool distant = sbl_mirrored_distant(i) != 0u;\n",
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
@@ -14660,7 +14660,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "}\n",
 "\n",
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",
-"// between both has the distribution of GGX.\n",
+"// between the direction and the lamp has the distribution of GGX.\n",
 "vec3 sbl_mirrored_sample(vec2 u) {\n",
 "    vec4 highlight = mirrored_direction[0];\n",
 "    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];\n",
@@ -14681,9 +14681,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);\n",
-"        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
-"        vec3 across = cross(direction, mirrored_direction[k].xyz);\n",
-"        float t = z * z * width2 + dot(across, across);\n",
+"        // A cross product replaces 1 - z^2, which is mostly rounding error in the middle of narrow highlights.\n",
+"        vec3 cross_product = cross(direction, mirrored_direction[k].xyz);\n",
+"        float t = z * z * width2 + dot(cross_product, cross_product);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
 "    return density;\n",
@@ -15004,7 +15004,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
 "uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics\n",
-"uniform bool even;             // true: add the correction from block_control\n",
+"uniform bool has_control;      // true: add the correction from block_control\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -15035,7 +15035,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    if (look < first || look > last) discard;\n",
 "    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);\n",
 "    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, invocations);\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), control = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
 "        for (int x = 0; x < blocks.x; x++) {\n",
@@ -15043,7 +15043,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
-"            if (even) missed += texelFetch(block_control, corner + ivec2(x, y), 0);\n",
+"            if (has_control) control += texelFetch(block_control, corner + ivec2(x, y), 0);\n",
 "        }\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
@@ -15072,9 +15072,9 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    SBL_IF_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
-"    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;\n",
-"    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;\n",
+"    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * control;\n",
+"    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * control;\n",
+"    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * control;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -15312,7 +15312,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     }
     sbl__set_int(d, "invocations", aimed ? j->aim.invocations : 0);
     sbl__set_float(d, "steps_scale", spec->counts_steps ? (float)SBL__STEPS_UNIT / (float)spec->rays : 0);
-    sbl__set_int(d, "even", j->task.spec.traced);
+    sbl__set_int(d, "has_control", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
     sbl__set_int(d, "slots", slots->count);
@@ -15846,8 +15846,8 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal\n",
 "// `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:\n",
-"// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the\n",
-"// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
+"// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the\n",
+"// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
@@ -15956,7 +15956,7 @@ static const char *const sbl__glsl_cast[] = {
 "shared int pool_count;                       // number of rays in the pool\n",
 "shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared ivec2 pool_hits[SBL_CAST_POOL];       // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray\n",
 "\n",
 "void main() {\n",
 "    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;\n",
@@ -15968,10 +15968,10 @@ static const char *const sbl__glsl_cast[] = {
 "        vec3 origin, direction;\n",
 "        bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
 "        if (continues) {\n",
-"            int at = atomicAdd(pool_count, 1);\n",
-"            pool_directions[at] = vec4(direction, hit.b1);\n",
-"            pool_tints[at] = vec4(sbl_tint, hit.b2);\n",
-"            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
+"            int entry = atomicAdd(pool_count, 1);\n",
+"            pool_directions[entry] = vec4(direction, hit.b1);\n",
+"            pool_tints[entry] = vec4(sbl_tint, hit.b2);\n",
+"            pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "        } else {\n",
 "            sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "            sbl_cast_write_metal_light(ray, vec4(0));\n",
@@ -15980,11 +15980,11 @@ static const char *const sbl__glsl_cast[] = {
 "    memoryBarrierShared();\n",
 "    barrier();\n",
 "    int filled = pool_count;\n",
-"    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {\n",
-"        int triangle = pool_hits[at].x >> 1;\n",
-"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
-"                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);\n",
-"        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);\n",
+"    for (int entry = mine; entry < filled; entry += SBL_LOCKSTEP) {\n",
+"        int triangle = pool_hits[entry].x >> 1;\n",
+"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,\n",
+"                              pool_tints[entry].w, (pool_hits[entry].x & 1) != 0);\n",
+"        sbl_cast_continue(pool_hits[entry].y, hit, vec3(0), pool_directions[entry].xyz, pool_tints[entry].rgb);\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -16142,11 +16142,11 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
         result = sbl__target_read(d, &b->blocks.target, k, 0, rows, texels[k]);
     }
     for (i = 0; i < some && result == SBL_SUCCESS; i++) {
-        const float *of[4];
-        for (k = 0; k < 4; k++) of[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
-        sbl__cast_take(&rays[i], of[0], of[1], of[2], &hits->list[at + i]);
-        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_metal_light(b, at + i, of[2], of[3]);
-        lost += of[1][3] < 0;
+        const float *own[4];
+        for (k = 0; k < 4; k++) own[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
+        sbl__cast_take(&rays[i], own[0], own[1], own[2], &hits->list[at + i]);
+        if (own[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_metal_light(b, at + i, own[2], own[3]);
+        lost += own[1][3] < 0;
     }
     sbl__free(d->base, rays);
     if (lost) sbl__rays_warn(d, &b->core->job.warned_scene, b->core->scene.version, lost, "rays of bounced light miss");
@@ -18125,10 +18125,10 @@ static int sbl__uncertainty_after_propagate(void *work) {
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
-    double cosines[2] = { 0, 0 }, across, light, cover;
+    double cosines[2] = { 0, 0 }, width, light, cover;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_short(b->store, hit->distance)) return 0;
-    across = (double)b->store->length / (double)hit->distance;
+    width = (double)b->store->length / (double)hit->distance;  /* of a cell, as seen from the point, in radians */
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__ALBEDO_ONE;
     sbl__side_normal(b->geometry, hit->side, other);
@@ -18137,8 +18137,8 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
         cosines[0] += step * (double)normal[k];
         cosines[1] += step * (double)other[k];
     }
-    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
-    return light * light * cover * SBL__MIN(across * across, 1);
+    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * width * width / SBL__PI, 1);
+    return light * light * cover * SBL__MIN(width * width, 1);
 }
 
 /* Restores a leaf's light, and makes the red of a bright leaf negative again. Sets its uncertainty to
@@ -20864,7 +20864,8 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
            r->stages.stage == SBL__REFINE_SENSE_PLACES;
 }
 
-/* Returns 1 while no tile of the first round is listed: at first, after a restart, and after a search for places. */
+/* Returns 1 while no tile of the first round is listed: at the beginning, after a restart, and after a search for
+   places. */
 static int sbl__refine_is_at_start(const sbl__refine *r) {
     return r->stages.stage <= SBL__REFINE_LIST && r->rounds == 0 && r->listed == 0;
 }
@@ -21617,13 +21618,13 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     for (i = 0; i < count; i++) {
         const double t = (i + 0.5) / count;
         sbl__seam_point point;
-        int whole = 1;
+        int complete = 1;
         for (side = 0; side < 2; side++) {
             double at[2];
             for (k = 0; k < 2; k++) at[k] = (1 - t) * mapped[side][0][k] + t * mapped[side][1][k];
-            whole = whole && sbl__seam_mix(s->light, at, side, &point);
+            complete = complete && sbl__seam_mix(s->light, at, side, &point);
         }
-        if (whole && sbl__seam_is_continuous(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
+        if (complete && sbl__seam_is_continuous(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
     return SBL_SUCCESS;
@@ -24174,7 +24175,8 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
-    const double mean = baked->area / SBL__MAX(1, baked->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
+    const double mean = baked->area / SBL__MAX(1, baked->triangle_count);
+    const double diagonal = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
@@ -24182,7 +24184,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     baked->points_wanted = s->desc.samples;
-    if (across > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
+    if (diagonal > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (diagonal * diagonal));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     if (triangle == baked->first_triangle) baked->first_hinge = s->hinge_count;
@@ -26061,7 +26063,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.sites)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.sites;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        sbl__drop(c, c->work);  /* also a finished picture, if the progress callback cancels after the last piece */
+        sbl__drop(c, c->work);  /* also drops a finished picture, if the progress callback cancels after the last
+                                   piece */
         sbl__job_free(&c->core.device, &c->core.job);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
