@@ -14472,6 +14472,8 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "#endif\n",
 "\n",
+"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve. squares:\n",
+"    // sum of the squared differences; other: luminance of the previous ray\n",
 "    float squares = 0.0, other = 0.0;\n",
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);\n",
@@ -14479,8 +14481,8 @@ static const char *const sbl__glsl_trace[] = {
 "    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, as `control` does\n",
 "    vec4 control = vec4(0);\n",
 "    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;\n",
-"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "#ifdef SBL_POOLED\n",
+"    // mine: index of the invocation; first: index of its first ray; all: number of its rays so far\n",
 "    int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;\n",
 "    if (mine < SBL_SEGMENTS) pool_counts[mine] = 0;\n",
 "    if (mine == 0) pool_lost = 0;\n",
@@ -15616,8 +15618,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_TIME 0.35f     /* filling the store takes about this fraction of the time of readings, vertices and
                                       probes; >>map predicts the fraction for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
-#define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps is
-                                      measured at all points; rounds of division take the rest */
+#define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps has
+                                      been measured at all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* sites in the air, see sbl__bounce_after_send: six at each of nine positions */
 #define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
 
@@ -15652,9 +15654,9 @@ typedef struct sbl__bounce_point {
     float metal_light[3];  /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
-/* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
-   number, both weighted by sbl__point_weight and by the `fraction` of the point's leaf; bucket: index of the leaf's
-   cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+/* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that the rays find; rays:
+   number of the rays. Each ray is weighted by sbl__point_weight and by the `fraction` of its point's leaf. bucket:
+   index of the leaf's cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
 typedef struct sbl__leaf_found {
     float light, rays;
     int bucket;
@@ -15680,8 +15682,8 @@ typedef struct sbl__bounce_leaf {
                           at its first point; otherwise 0 */
     float fraction;    /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
-                          it since all hits were last placed again. The hits of these rays may lie on the other side
-                          of the cut and must be placed again; those of later points need not */
+                          the leaf since all hits were last placed again. Hits of these rays must be placed again,
+                          because they may lie on the other side of the cut; hits of later points need not */
     int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
@@ -16761,7 +16763,7 @@ static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *lin
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
     sbl_result result = SBL_SUCCESS;
-    double over[2];
+    double over[2];  /* signed distances of the ends of the range from the plane of a cut */
     int i, side, cut;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
@@ -16900,8 +16902,8 @@ static int sbl__contacts_after_cuts(void *work) {
 #define SBL__BOUNCE_CORRECT_RAYS 32  /* number of rays of a point of a bright leaf towards all glows together, when the
                                         light of this leaf is corrected */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
-                                      is multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_SCALED 4       /* in this number of rounds at the beginning of the iteration, all bounced light is
+                                      multiplied by one factor per channel, which speeds up convergence */
 #define SBL__BOUNCE_ITERATIONS 200     /* maximum number of iterations that compute all bounces */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
                                       this fraction of all light, or less */
@@ -19316,7 +19318,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
 }
 
 /* Returns the mean, over the sensors on a tile's edges, of the squared error of interpolation, less 1.5 times the
-   variance that noise explains; 0: no sensors. */
+   variance that noise explains; 0 if there are no sensors. */
 static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -20064,8 +20066,8 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
 }
 
 /* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
-   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light
-   below the mean R adds little to the noise. To save time, all guides get it in the scout's direction. */
+   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light below
+   the mean R adds little to the noise; to save time, all guides get such light in the scout's direction. */
 static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -20176,8 +20178,8 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
 #define SBL__GOAL_STORED 0.25           /* the squared error from bias and noise may always be this fraction of the
-                                           squared uncertainty of stored light, since a smaller one would hardly reduce
-                                           their sum */
+                                           squared uncertainty of stored light, because a smaller error would hardly
+                                           reduce the sum of both */
 #define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
@@ -20939,7 +20941,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *t, floa
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)t->variance * (double)sbl__variance_ratio(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
-                                                       rays of this one may agree by chance */
+                                                       rays of this sensor may agree by chance */
         p->error = sbl__pixel_error(r, p, t->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, t, x, y, f->layer, &m);
@@ -22260,7 +22262,8 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
 }
 
 /* Puts a pixel of the G-buffer into m->refine. from: position, normal, geometric normal and emission, 4 floats each;
-   gbuffer_fragment.glsl describes the fourth. Emission is only read if m->spec.bounced is 1. id: 0: no surface */
+   gbuffer_fragment.glsl describes the fourth floats. Emission is only read if m->spec.bounced is 1. id: 0: no
+   surface */
 static sbl_result sbl__map_put(sbl__map *m, size_t index, const float *const from[4], uint32_t id) {
     float stored[3] = { 0, 0, 0 };
     int shows_stored = 0;
@@ -22407,7 +22410,7 @@ static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
-/* Deletes the light that the filter has read, unless the filter of further layers needs it. */
+/* Deletes the unfiltered light of R, unless the filter of further layers reads it. */
 static int sbl__map_after_develop(void *work) {
     sbl__map *m = (sbl__map *)work;
     m->developed = 1;
@@ -22650,9 +22653,9 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 }
 
 /* ==================================================================================================== >>reflections
-   The light that specular lobes reflect to the camera. After R is known, a second refinement, with sensors that measure
-   the mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's
-   albedo times this layer. The target error applies to FINAL: the predicted error of albedo * R acts like the
+   The light that specular lobes reflect to the camera. After R is known, a second refinement makes this light a layer
+   of the map: its sensors measure the mean radiance in the lobe. FINAL is the sum of emission, albedo * R, and the
+   lobe's albedo times this layer. The target error applies to FINAL: the predicted error of albedo * R acts like the
    uncertainty of stored light, as a part that this refinement cannot reduce.
 
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve */
@@ -23900,8 +23903,8 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this fraction of a mesh's points see mostly back faces, the mesh
                                            is a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
-                                           its area by more than this fraction of the area */
+#define SBL__VERTICES_ROUNDING 1e-5f    /* points of a triangle were rejected if the weights of the others sum to less
+                                           than (1 - this) * the area of the triangle */
 #define SBL__VERTICES_SPRING 0.02f      /* weight, per area of rejected points, of the mean squared difference between
                                            the light at two corners of their triangle */
 #define SBL__VERTICES_PRECISION 1e-6    /* the solver stops when the residual's norm falls to this * its first value */
@@ -25647,7 +25650,8 @@ struct sbl_context {
     sbl__map *map;             /* the picture or lightmap, finished or not; NULL: none */
     sbl__inspection inspection;
     sbl__inside inside;
-    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; then NULL */
+    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; the rest is
+                                            NULL */
     sbl__egl egl;
 };
 

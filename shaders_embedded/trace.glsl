@@ -335,6 +335,8 @@ void main() {
     }
 #endif
 
+    // The variance is estimated from the differences between pairs of neighbours on the Morton curve. squares:
+    // sum of the squared differences; other: luminance of the previous ray
     float squares = 0.0, other = 0.0;
 #ifdef SBL_GROUPS
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);
@@ -342,8 +344,8 @@ void main() {
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, as `control` does
     vec4 control = vec4(0);
     int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;
-    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
 #ifdef SBL_POOLED
+    // mine: index of the invocation; first: index of its first ray; all: number of its rays so far
     int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;
     if (mine < SBL_SEGMENTS) pool_counts[mine] = 0;
     if (mine == 0) pool_lost = 0;
