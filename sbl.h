@@ -13878,9 +13878,9 @@ typedef struct sbl__trace {
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
-/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). Each invocation
-   then gets as many rays as it may, because full pools are faster. Fragment shaders share no rays, but they also get as
-   many, so that their sums have the same bits. */
+/* Returns 1 if the invocations of a workgroup of trace.glsl share the rays that continue (SBL__POOLED). An invocation
+   then gets SBL__POOL_RAYS rays, unless a limit of the driver allows fewer, because full pools are faster. Fragment
+   shaders share no rays, but get the same number of rays, so that their sums have the same bits. */
 static int sbl__trace_pools(const sbl__device *d, const sbl__scene *scene, const sbl__spec *spec) {
     const unsigned features = sbl__features_of(scene, spec), wanted = SBL__SPECULAR | SBL__BOUNCED;
     return (features & wanted) == wanted && (features & (SBL__GUIDED | SBL__LOBE)) && d->workgroup == SBL__LOCKSTEP &&
@@ -13927,18 +13927,18 @@ static const char *const sbl__glsl_guide[] = {
 "// Finds the interval that contains x among the 8 * texels intervals stored from texel `from` on. Returns the\n",
 "// interval's start, end and index.\n",
 "vec3 sbl_guide_interval(ivec2 from, int texels, float x) {\n",
-"    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);\n",
+"    vec3 interval = vec3(0, SBL_GUIDE_STEPS, -1);\n",
 "    for (int i = 0; i < texels; i++) {\n",
 "        uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);\n",
 "        vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);\n",
 "        vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));\n",
 "        vec4 last = max(a * begun_a, b * begun_b);\n",
 "        vec4 end = vec4(SBL_GUIDE_STEPS), next = min(mix(end, a, 1.0 - begun_a), mix(end, b, 1.0 - begun_b));\n",
-"        at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));\n",
-"        at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));\n",
-"        at.z += dot(begun_a + begun_b, vec4(1));\n",
+"        interval.x = max(interval.x, max(max(last.x, last.y), max(last.z, last.w)));\n",
+"        interval.y = min(interval.y, min(min(next.x, next.y), min(next.z, next.w)));\n",
+"        interval.z += dot(begun_a + begun_b, vec4(1));\n",
 "    }\n",
-"    return at;\n",
+"    return interval;\n",
 "}\n",
 "\n",
 "// Returns the first texel of a guide.\n",
@@ -14004,8 +14004,8 @@ static const char *const sbl__glsl_reflect[] = {
 "\n",
 "// Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface\n",
 "// continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.\n",
-"// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because\n",
-"// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for\n",
+"// m.opacity, a factor of the lobe, is divided by this probability. A pane continues every ray, because sbl_passes\n",
+"// has chosen the rays that the pane reflects. The albedo of gloss becomes the albedo of its diffuse component for\n",
 "// this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the\n",
 "// albedo includes the lobe\n",
 "void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {\n",
@@ -14013,9 +14013,9 @@ static const char *const sbl__glsl_reflect[] = {
 "    for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {\n",
 "        vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
 "        vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;\n",
-"        vec3 across = cross(side_1, side_2);\n",
-"        float sizes = length(across) * length(direction);\n",
-"        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;\n",
+"        vec3 cross_product = cross(side_1, side_2);\n",
+"        float sizes = length(cross_product) * length(direction);\n",
+"        float cosine = sizes > 0.0 ? abs(dot(cross_product, direction)) / sizes : 1.0;\n",
 "        vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));\n",
 "        float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_STRONG, 1.0);\n",
 "        chance = max(chance, chance_least);\n",
@@ -14040,7 +14040,7 @@ static const char *const sbl__glsl_reflect[] = {
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
 "    vec3 to_lamp;           // unit direction of the ray to a lamp\n",
-"    float away;             // length of that ray; 0: no lamp gives light\n",
+"    float away;             // length of the ray to the lamp; 0: no lamp gives light\n",
 "    int number;             // index of the lamp's triangle in the scene, or -1\n",
 "    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
 "    int layer;              // layer of that light, see SBL_GROUPS\n",
@@ -14063,9 +14063,9 @@ static const char *const sbl__glsl_reflect[] = {
 "// Sequences\")\n",
 "const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);\n",
 "\n",
-"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to\n",
-"// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the\n",
-"// chance of the point among those that were tried, times its MIS weight.\n",
+"// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: lobe of the hit; pick: random\n",
+"// number, 0 to 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it,\n",
+"// divided by the chance of the point among those that were tried, times its MIS weight.\n",
 "vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {\n",
 "    sbl_Sample tried = s;\n",
 "    vec3 light = vec3(0);\n",
@@ -14089,17 +14089,17 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a\n",
-"// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random\n",
-"// numbers\n",
+"// Samples the two rays that start at a hit: the ray to a lamp and the next segment. Called for hits of short rays\n",
+"// (see SBL_SEGMENTS) and if hit_continues is true. direction: direction of the ray that arrives at the hit. hash:\n",
+"// source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
 "    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
-"    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
+"    vec3 cross_product = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
 "    uvec4 random = uvec4(hash, 0, 0, 0);\n",
 "    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));\n",
-"    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));\n",
+"    sbl_Bounce bounce = sbl_bounce(material, cross_product, -direction, sbl_unit_square(random.xy));\n",
 "    sensor_normal = bounce.normal;\n",
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
@@ -14192,8 +14192,8 @@ static const char *const sbl__glsl_trace[] = {
 "// cell are near. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
-"// For rays of a lobe, the factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
-"// over cells.\n",
+"// For rays of a lobe, SBL_FIRST_SCALE is lowered to this times the lobe's alpha, if that is less, because a\n",
+"// narrow lobe does not average over cells.\n",
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
@@ -14422,41 +14422,41 @@ static const char *const sbl__glsl_trace[] = {
 "shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool\n",
 "shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared ivec2 pool_hits[2 * SBL_POOL];        // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray\n",
 "shared uint pool_hashes[2 * SBL_POOL];\n",
-"shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe\n",
+"shared vec2 pool_chances[2 * SBL_POOL];      // x: chance_least; y: alpha of the look's lobe\n",
 "shared vec3 pool_terms[SBL_TERMS * SBL_POOL];\n",
-"shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued\n",
+"shared int pool_steps[SBL_LOCKSTEP];         // per invocation: number of steps of its rays after their first hits\n",
 "shared int pool_lost;                        // 1: an invocation has lost rays\n",
 "\n",
 "// Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup\n",
 "void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {\n",
-"    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
-"    pool_directions[at] = vec4(direction, hit.b1);\n",
-"    pool_throughputs[at] = vec4(throughput, hit.b2);\n",
-"    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
-"    pool_hashes[at] = hash;\n",
-"    pool_chances[at] = vec2(chance_least, 0);\n",
+"    int entry = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);\n",
+"    pool_directions[entry] = vec4(direction, hit.b1);\n",
+"    pool_throughputs[entry] = vec4(throughput, hit.b2);\n",
+"    pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
+"    pool_hashes[entry] = hash;\n",
+"    pool_chances[entry] = vec2(chance_least, 0);\n",
 "#ifdef SBL_LOBE\n",
-"    pool_chances[at].y = lobe.alpha;\n",
+"    pool_chances[entry].y = lobe.alpha;\n",
 "#endif\n",
 "}\n",
 "\n",
-"// Continues a ray of the pool by this segment. at: index of the ray in the pool\n",
-"void sbl_take(int at, int segment) {\n",
-"    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;\n",
-"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
-"                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);\n",
-"    direction = pool_directions[at].xyz;\n",
-"    throughput = pool_throughputs[at].rgb;\n",
-"    chance_least = pool_chances[at].x;\n",
+"// Continues a ray of the pool by this segment. entry: index of the ray in the arrays of the pools\n",
+"void sbl_take(int entry, int segment) {\n",
+"    int triangle = pool_hits[entry].x >> 1, ray = pool_hits[entry].y, steps = sbl_steps;\n",
+"    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,\n",
+"                          pool_throughputs[entry].w, (pool_hits[entry].x & 1) != 0);\n",
+"    direction = pool_directions[entry].xyz;\n",
+"    throughput = pool_throughputs[entry].rgb;\n",
+"    chance_least = pool_chances[entry].x;\n",
 "#ifdef SBL_LOBE\n",
-"    lobe.alpha = pool_chances[at].y;\n",
+"    lobe.alpha = pool_chances[entry].y;\n",
 "#endif\n",
 "    sbl_Material material = sbl_material(int(sbl_triangle_object(triangle)), sbl_attributes_of(hit));\n",
 "    sbl_face_ray(material, hit, direction, false);\n",
 "    chance_least = 0.0;\n",
-"    uint hash = pool_hashes[at];\n",
+"    uint hash = pool_hashes[entry];\n",
 "    int term = SBL_TERMS * ray + 2 * segment;\n",
 "    sum.rgb = vec3(0);\n",
 "    bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));\n",
@@ -14466,7 +14466,7 @@ static const char *const sbl__glsl_trace[] = {
 "    pool_terms[term] = sum.rgb;\n",
 "    if (continues) sbl_pool(segment, hit, ray, hash);\n",
 "    atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);\n",
-"    sbl_steps = steps;  // they count for the owner of the ray alone\n",
+"    sbl_steps = steps;  // the steps count for the invocation that owns the ray\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -14496,15 +14496,17 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "#endif\n",
 "\n",
+"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve. squares:\n",
+"    // sum of the squared differences; other: luminance of the previous ray\n",
 "    float squares = 0.0, other = 0.0;\n",
 "#ifdef SBL_GROUPS\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);\n",
 "#endif\n",
-"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`\n",
-"    vec4 even = vec4(0);\n",
+"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, as `control` does\n",
+"    vec4 control = vec4(0);\n",
 "    int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;\n",
-"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "#ifdef SBL_POOLED\n",
+"    // mine: index of the invocation; first: index of its first ray; all: number of its rays so far\n",
 "    int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;\n",
 "    if (mine < SBL_SEGMENTS) pool_counts[mine] = 0;\n",
 "    if (mine == 0) pool_lost = 0;\n",
@@ -14567,7 +14569,7 @@ static const char *const sbl__glsl_trace[] = {
 "        }\n",
 "        vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(to_harmonics, sum.rgb - before);\n",
-"        even -= weight * to_harmonics;\n",
+"        control -= weight * to_harmonics;\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -14591,7 +14593,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_write_layers(layers);\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));\n",
+"    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + control / float(rays));\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14614,13 +14616,13 @@ static const char *const sbl__glsl_mirrored[] = {
 "const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest\n",
 "const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller\n",
 "                                          // for small mirrors, and for wide highlights, which other rays also find\n",
-"const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the\n",
-"                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp\n",
+"const float SBL_MIRRORED_FRACTION = 4.0;  // SBL_MIRRORED_RAYS is multiplied by min(1, this * m / d). m: light of\n",
+"                                          // the mirrored lamps; d: unblocked direct light of the brightest lamp\n",
 "const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show\n",
 "const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow\n",
 "const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2\n",
 "vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width\n",
-"float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first\n",
+"float mirrored_chance[SBL_MIRRORED];      // probability of each, in descending order; the sum is 1\n",
 "float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps\n",
 "\n",
 "// Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.\n",
@@ -14636,15 +14638,15 @@ static const char *const sbl__glsl_mirrored[] = {
 "    }\n",
 "}\n",
 "\n",
-"// Chooses the mirrored lamps of a sensor. The width of a highlight is that of the lobe, as seen from the sensor,\n",
-"// and of the lamp. A deviation of the ray by x turns the half vector by x / 2 * (distance to the lamp's image) /\n",
-"// (distance from the mirror to this image).\n",
+"// Chooses the mirrored lamps of a sensor. The squared width of a highlight is the sum of the squared widths of\n",
+"// the lobe and of the lamp, in radians, as seen from the sensor. A deviation of the ray by x turns the half\n",
+"// vector by x / 2 * (distance to the lamp's image) / (distance from the mirror to this image).\n",
 "void sbl_mirrored_begin(vec3 from, vec3 normal) {\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        mirrored_direction[k] = vec4(normal, 1);\n",
 "        mirrored_chance[k] = 0.0;\n",
 "    }\n",
-"    float most = 0.0, brightest = 0.0;\n",
+"    float most = 0.0, brightest = 0.0;  // most: factor of SBL_MIRRORED_RAYS\n",
 "    for (int i = 0; i < mirrored_count; i++) {\n",
 "        bool distant = sbl_mirrored_distant(i) != 0u;\n",
 "        vec3 mirror_normal = sbl_mirrored_normal(i);\n",
@@ -14684,7 +14686,7 @@ static const char *const sbl__glsl_mirrored[] = {
 "}\n",
 "\n",
 "// Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle\n",
-"// between both has the distribution of GGX.\n",
+"// between the direction and the lamp has the distribution of GGX.\n",
 "vec3 sbl_mirrored_sample(vec2 u) {\n",
 "    vec4 highlight = mirrored_direction[0];\n",
 "    float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];\n",
@@ -14705,9 +14707,9 @@ static const char *const sbl__glsl_mirrored[] = {
 "    float density = 0.0;\n",
 "    for (int k = 0; k < SBL_MIRRORED; k++) {\n",
 "        float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);\n",
-"        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.\n",
-"        vec3 across = cross(direction, mirrored_direction[k].xyz);\n",
-"        float t = z * z * width2 + dot(across, across);\n",
+"        // A cross product replaces 1 - z^2, which is mostly rounding error in the middle of narrow highlights.\n",
+"        vec3 cross_product = cross(direction, mirrored_direction[k].xyz);\n",
+"        float t = z * z * width2 + dot(cross_product, cross_product);\n",
 "        density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;\n",
 "    }\n",
 "    return density;\n",
@@ -14737,8 +14739,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
                                        (pooled ? (unsigned)SBL__POOLED : 0));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: paths add the light of glows where
-                                                                      they hit them */
+    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: a path adds the light of a glow where
+                                                                    the path hits the glow */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -14785,9 +14787,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
 #define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one ray towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
-#define SBL__TEXEL_NOISE 2.6f      /* standard error, as a fraction of R, that the texels of views cause: this /
-                                      sbl__spec.size; its square is added to a look's variance; measured in a box with a
-                                      lamp */
+#define SBL__TEXEL_NOISE 2.6f      /* the texels of views cause a standard error of R * this / sbl__spec.size, whose
+                                      square is added to the variance of a look; measured in a box with a lamp */
 
 /* What a job measures. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -14911,14 +14912,14 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Returns options.backend. Replaces SBL_BACKEND_AUTO by rules that depend on the input, not on times. */
+/* Returns options.backend. If it is SBL_BACKEND_AUTO, chooses a back end by the input alone, not by measured times. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface in world units. reach: of the triangle (see surface.glsl), used if
-   rays are traced; 0: unknown */
+/* Returns the distance of sensors from their surface in world units. reach: reach of the triangle, see surface.glsl;
+   used if rays are traced; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -14968,7 +14969,7 @@ static const sbl__slots *sbl__look_slots(const sbl__job *j, int look_kind) {
 
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__look_slots(j, j->look_kind); }
 
-/* Returns the factor of all radiance in the job's textures. */
+/* Returns the factor from radiance to the values in the job's textures. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
 /* Returns the layout of a look's views, or NULL if sensors trace rays. */
@@ -15029,7 +15030,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
 "uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics\n",
-"uniform bool even;             // true: add the correction from block_control\n",
+"uniform bool has_control;      // true: add the correction from block_control\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -15060,7 +15061,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    if (look < first || look > last) discard;\n",
 "    ivec2 slot = ivec2(look % slots % columns, look % slots / columns);\n",
 "    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, invocations);\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), control = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
 "        for (int x = 0; x < blocks.x; x++) {\n",
@@ -15068,7 +15069,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
-"            if (even) missed += texelFetch(block_control, corner + ivec2(x, y), 0);\n",
+"            if (has_control) control += texelFetch(block_control, corner + ivec2(x, y), 0);\n",
 "        }\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
@@ -15097,9 +15098,9 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    SBL_IF_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
-"    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;\n",
-"    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;\n",
+"    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * control;\n",
+"    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * control;\n",
+"    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * control;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -15243,8 +15244,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double allowed, double *units) {
 }
 
 /* Draws one submission of rays, or up to SBL__SUBMISSIONS of views if the slice allows, without waiting between them:
-   software renderers prepare one while they draw another. Returns SBL_SUCCESS when the slots are full or the round
-   ends. */
+   software renderers prepare a submission while they draw the previous one. Returns SBL_SUCCESS when the slots are full
+   or the round ends. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -15337,7 +15338,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     }
     sbl__set_int(d, "invocations", aimed ? j->aim.invocations : 0);
     sbl__set_float(d, "steps_scale", spec->counts_steps ? (float)SBL__STEPS_UNIT / (float)spec->rays : 0);
-    sbl__set_int(d, "even", j->task.spec.traced);
+    sbl__set_int(d, "has_control", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
     sbl__set_int(d, "slots", slots->count);
@@ -15429,8 +15430,8 @@ static void sbl__job_take(sbl__job *j, const float *const found[SBL__BLOCKS]) {
    A sensor is stuck if its offset moved it through another surface into a body. A look's fraction of back faces does
    not prove this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls.
    Therefore a site whose first look sees more back faces than SBL__SUSPECT_FRACTION gets a stuck test, which looks from
-   the sensor back to its surface. If rays have a limited length, each site gets one, because the rays may not reach the
-   walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
+   the sensor back to its surface. If rays have a limited length, each site gets a stuck test, because the rays may not
+   reach the walls of the body. A caller can ask for a test, too (sbl__site.suspect). If the test hits closer than
    SBL__STUCK_FRACTION of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[SBL__BLOCKS]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
@@ -15606,8 +15607,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    >>storing do the work. Later rooms call only three functions of these rooms: sbl__bounce_step, sbl__bounce_progress
    and sbl__bounce_end.
 
-   Rays from samples of all surfaces find the positions that surfaces see, and these become points. Each leaf gets up to
-   SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
+   Rays from samples of all surfaces find positions that surfaces see. These positions become points. Each leaf gets up
+   to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits become points of other leaves,
    until no hit is new. Finally, surface samples fill the leaves that no ray hit. If the store has too many leaves, or
    too few, the work begins again with cells of another size. If it has too few, small triangles get samples, too.
 
@@ -15623,8 +15624,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
        >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
-       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> SITES -> LIGHT
-                           (>>solution) -> CORRECT -> GLOW, then again from SITES on
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> GLOW -> SITES ->
+                           LIGHT (>>solution) -> CORRECT -> GLOW, then again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
        >>storing           LAMPS -> SEND -> AIR */
 
@@ -15641,12 +15642,12 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_TIME 0.35f     /* filling the store takes about this fraction of the time of readings, vertices and
                                       probes; >>map predicts the fraction for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* rays between surfaces take about this fraction of the time of filling the store */
-#define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps is
-                                      measured at all points; rounds of division take the rest */
-#define SBL__AIR_SITES 54          /* six sites at each of nine positions */
+#define SBL__BOUNCE_LIT 0.7f       /* after about this fraction of the time of filling the store, the light of lamps has
+                                      been measured at all points; rounds of division take the rest */
+#define SBL__AIR_SITES 54          /* sites in the air, see sbl__bounce_after_send: six at each of nine positions */
 #define SBL__AIR_RAYS 512          /* number of rays of each of these sites */
 
-#define SBL__NOWHERE 0xffffffffu   /* instead of a side or leaf in sbl__hit: there is none */
+#define SBL__NOWHERE 0xffffffffu   /* value of sbl__hit.side and sbl__hit.leaf if there is no side or leaf */
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample */
@@ -15677,9 +15678,9 @@ typedef struct sbl__bounce_point {
     float metal_light[3];  /* R that metal reflects from lamps and the sky, see cast.glsl */
 } sbl__bounce_point;
 
-/* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that they find; rays: their
-   number, both weighted by sbl__point_weight and by the `fraction` of the point's leaf; bucket: index of the leaf's
-   cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+/* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that the rays find; rays:
+   number of the rays. Each ray is weighted by sbl__point_weight and by the `fraction` of its point's leaf. bucket:
+   index of the leaf's cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
 typedef struct sbl__leaf_found {
     float light, rays;
     int bucket;
@@ -15689,7 +15690,7 @@ typedef struct sbl__leaf_found {
    albedo, see sbl__albedo_pack. Rays that add nothing are left out. */
 typedef struct sbl__bounce_read { uint32_t leaf; uint16_t albedo[3], unused; } sbl__bounce_read;
 
-enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };
+enum { SBL__BRIGHT_LONG = 1, SBL__BRIGHT };  /* see sbl__bounce_leaf.bright */
 
 /* What is measured because of glows, in this order: nothing; the light of lamps at positions on glows; the light of
    glows at the points of bright leaves; the light of glows at all points */
@@ -15705,8 +15706,8 @@ typedef struct sbl__bounce_leaf {
                           at its first point; otherwise 0 */
     float fraction;    /* approximate fraction of its cell that the leaf covers after divisions */
     int cut;           /* number of points whose rays had been cast when a cut last split the leaf; 0: no cut has split
-                          it since all hits were last placed again. The hits of these rays may lie on the other side
-                          of the cut and must be placed again; those of later points need not */
+                          the leaf since all hits were last placed again. Hits of these rays must be placed again,
+                          because they may lie on the other side of the cut; hits of later points need not */
     int read_end;      /* 1 + index of the leaf's last read. Its first read follows the last read of the leaf before */
 } sbl__bounce_leaf;
 
@@ -15772,9 +15773,9 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_capacity, state_capacity;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further round follows */
-    int glows;                       /* SBL__GLOWS_NOWHERE and so on. The points' rays skip bright leaves from
-                                        SBL__GLOWS_AT_BRIGHT on. Then SBL__GLOWS_EVERYWHERE fixes the light of bright
-                                        leaves */
+    int glows;                       /* SBL__GLOWS_NOWHERE and so on. From SBL__GLOWS_AT_BRIGHT on, the points' rays
+                                        skip bright leaves. From SBL__GLOWS_EVERYWHERE on, the light of bright leaves is
+                                        fixed */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
 
@@ -15855,7 +15856,7 @@ typedef struct sbl__bounce {
    Casts rays between surfaces on the GPU. This room writes the hits of the rays and, in scenes with metal, the light
    that the rays of points find after they have hit metal (sbl__bounce_point.metal_light). */
 
-#define SBL__CAST_COLUMNS 256      /* CAST_COLUMNS x CAST_ROWS texels hold the rays that are cast at once */
+#define SBL__CAST_COLUMNS 256      /* SBL__CAST_COLUMNS x SBL__CAST_ROWS texels hold the rays that are cast at once */
 #define SBL__CAST_ROWS 64
 #define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* maximum number of these rays */
 
@@ -15871,8 +15872,8 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal\n",
 "// `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:\n",
-"// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the\n",
-"// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
+"// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the\n",
+"// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
 "// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
@@ -15981,7 +15982,7 @@ static const char *const sbl__glsl_cast[] = {
 "shared int pool_count;                       // number of rays in the pool\n",
 "shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1\n",
 "shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2\n",
-"shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray\n",
+"shared ivec2 pool_hits[SBL_CAST_POOL];       // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray\n",
 "\n",
 "void main() {\n",
 "    int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;\n",
@@ -15993,10 +15994,10 @@ static const char *const sbl__glsl_cast[] = {
 "        vec3 origin, direction;\n",
 "        bool continues = sbl_cast_ray(ray, hit, origin, direction);\n",
 "        if (continues) {\n",
-"            int at = atomicAdd(pool_count, 1);\n",
-"            pool_directions[at] = vec4(direction, hit.b1);\n",
-"            pool_tints[at] = vec4(sbl_tint, hit.b2);\n",
-"            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
+"            int entry = atomicAdd(pool_count, 1);\n",
+"            pool_directions[entry] = vec4(direction, hit.b1);\n",
+"            pool_tints[entry] = vec4(sbl_tint, hit.b2);\n",
+"            pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);\n",
 "        } else {\n",
 "            sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);\n",
 "            sbl_cast_write_metal_light(ray, vec4(0));\n",
@@ -16005,11 +16006,11 @@ static const char *const sbl__glsl_cast[] = {
 "    memoryBarrierShared();\n",
 "    barrier();\n",
 "    int filled = pool_count;\n",
-"    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {\n",
-"        int triangle = pool_hits[at].x >> 1;\n",
-"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,\n",
-"                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);\n",
-"        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);\n",
+"    for (int entry = mine; entry < filled; entry += SBL_LOCKSTEP) {\n",
+"        int triangle = pool_hits[entry].x >> 1;\n",
+"        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,\n",
+"                              pool_tints[entry].w, (pool_hits[entry].x & 1) != 0);\n",
+"        sbl_cast_continue(pool_hits[entry].y, hit, vec3(0), pool_directions[entry].xyz, pool_tints[entry].rgb);\n",
 "    }\n",
 "}\n",
 "#else\n",
@@ -16167,11 +16168,11 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
         result = sbl__target_read(d, &b->blocks.target, k, 0, rows, texels[k]);
     }
     for (i = 0; i < some && result == SBL_SUCCESS; i++) {
-        const float *of[4];
-        for (k = 0; k < 4; k++) of[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
-        sbl__cast_take(&rays[i], of[0], of[1], of[2], &hits->list[at + i]);
-        if (of[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_metal_light(b, at + i, of[2], of[3]);
-        lost += of[1][3] < 0;
+        const float *own[4];
+        for (k = 0; k < 4; k++) own[k] = texels[k] ? texels[k] + 4 * (size_t)i : NULL;
+        sbl__cast_take(&rays[i], own[0], own[1], own[2], &hits->list[at + i]);
+        if (own[2] && b->stages.stage == SBL__BOUNCE_CAST_POINTS) sbl__cast_add_metal_light(b, at + i, own[2], own[3]);
+        lost += own[1][3] < 0;
     }
     sbl__free(d->base, rays);
     if (lost) sbl__rays_warn(d, &b->core->job.warned_scene, b->core->scene.version, lost, "rays of bounced light miss");
@@ -16203,10 +16204,9 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
 #define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a hit, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a hit, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* patching.growth is at least this, or at
-                                                                              least reflecting / area if that is less.
-                                                                              Cells of the widest level are then as long
-                                                                              as level-0 cells with growth 1 */
+/* patching.growth is at least this or, if it is less, patching.reflecting / patching.area. With this growth, cells of
+   the widest level are as long as level-0 cells with growth 1. */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))
 #define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
 #define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell found a larger fraction of the points than this,
                                       cells shrink even if the last shrinking did not double the number of leaves that
@@ -16217,8 +16217,8 @@ static sbl_result sbl__cast_rays(sbl__bounce *b, void (*make)(sbl__bounce *b, in
                                           surface samples per area of a cell of the level sbl__store.unseen_level */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
                                          get cells of the widest level, otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, about this many at most of the triangles
-                                             that are too small to get a surface sample by area get one, too */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* if sbl__bounce.sample_small is 1, at most about this many of the triangles
+                                             that are too small to get a surface sample by their area get one, too */
 #define SBL__BOUNCE_LONG 8.0       /* once a leaf has SBL__BOUNCE_POINTS points, only hits of rays longer than this *
                                       the length of a level-0 cell add points; shorter rays, as inside a lamp's
                                       bowl-shaped shade, hit mainly the brightest part of the leaf */
@@ -16439,10 +16439,10 @@ static int sbl__hit_is_settled(const sbl__bounce *b, const sbl__hit *hit, int nu
            b->states[leaf].points >= sbl__points_most(b, hit, leaf);
 }
 
-/* Prefetches memory for two hits that follow hit `number` in the queue. For the hit that is SBL__BOUNCE_AHEAD positions
-   behind it, this is the bucket of the hit's cell. For the hit that is half as far behind, whose bucket was prefetched
-   before, it is the state of the leaf to which the bucket leads. A hit that is placed again already has a leaf, so that
-   only the leaf's state is prefetched. */
+/* Prefetches memory for two later hits of the queue. For hit number + SBL__BOUNCE_AHEAD, this is the bucket of its
+   cell. For hit number + SBL__BOUNCE_AHEAD / 2, whose bucket was prefetched before, it is the state of the leaf, or the
+   cut, to which the bucket leads. For a hit that already has a leaf, because it is placed again, it is only the state
+   of the leaf. */
 static void sbl__cells_prefetch(sbl__bounce *b, int number) {
     const sbl__store *s = b->store;
     const sbl__hit *hits = b->queue.list;
@@ -16498,7 +16498,7 @@ static sbl_result sbl__cells_assign(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes a list of hits the queue, without copying it. Returns the stage that makes points of them. */
+/* Makes `list` the queue, without copying it. Returns the stage ASSIGN, which makes points of the hits. */
 static int sbl__cells_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -16676,7 +16676,7 @@ static int sbl__cells_after_cast_points(void *work) {
 
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
                                       both belong to one patch, which is smooth */
-#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
+#define SBL__CONTACT_SLANT 0.999   /* the same cosine if the surface and the plane belong to different patches */
 #define SBL__CONTACT_APART 1e-3    /* smallest distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* smallest length of a contact line, in lengths of a cell */
 
@@ -16727,8 +16727,10 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the flat patch of `at` meets the plane that its contact ray hit, within the bounds of this patch
-   and of the patch hit or, if that is not flat, of the triangle hit. Returns 0 if the line is empty or short. */
+/* Makes the contact line of `hit`, where a contact ray from `at` ended: the line where the flat patch of `at` meets the
+   plane of the triangle that was hit. The line ends at the bounds of this patch, and of the patch that was hit or, if
+   that patch is not flat, of the triangle. Returns 0 if the patch of `at` is not flat, or if the line is empty or
+   short. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -16785,7 +16787,7 @@ static sbl_result sbl__contact_cut_below(sbl__bounce *b, const sbl__contact *lin
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
     sbl_result result = SBL_SUCCESS;
-    double over[2];
+    double over[2];  /* signed distances of the ends of the range from the plane of a cut */
     int i, side, cut;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
@@ -16819,7 +16821,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
     int k;
-    for (k = 0; k < 3; k++) {  /* next: where, 0 to 1 along the line, it leaves the current cube on each axis */
+    for (k = 0; k < 3; k++) {  /* next: where the line leaves the current cube on each axis, 0 to 1 along the line */
         const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
         const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
         next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
@@ -16924,8 +16926,8 @@ static int sbl__contacts_after_cuts(void *work) {
 #define SBL__BOUNCE_CORRECT_RAYS 32  /* number of rays of a point of a bright leaf towards all glows together, when the
                                         light of this leaf is corrected */
 #define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of rounds at the beginning of the iteration after which all bounced light
-                                      is multiplied by one factor per channel, which speeds up convergence */
+#define SBL__BOUNCE_SCALED 4       /* in this number of rounds at the beginning of the iteration, all bounced light is
+                                      multiplied by one factor per channel, which speeds up convergence */
 #define SBL__BOUNCE_ITERATIONS 200     /* maximum number of iterations that compute all bounces */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* the iteration ends when the light that further rounds would add is estimated at
                                       this fraction of all light, or less */
@@ -17071,7 +17073,7 @@ static sbl_result sbl__solution_site(void *work, int at) {
     if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
     if (b->glows == SBL__GLOWS_AT_BRIGHT && b->states[b->points[at].leaf].bright != SBL__BRIGHT) return SBL_SUCCESS;
     site = sbl__solution_add_site(b, hit->position, hit->side, (uint32_t)at);
-    site->suspect = !b->glows && sbl__point_is_suspect(b, at);
+    site->suspect = !b->glows && sbl__point_is_suspect(b, at);  /* later jobs use the stuck tests of the first */
     return SBL_SUCCESS;
 }
 
@@ -17095,7 +17097,7 @@ static void sbl__solution_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.layers = b->found_layers;
     }
     if (direct && b->glows >= SBL__GLOWS_AT_BRIGHT) {
-        task.spec.glows = 1;  /* the first job has found out which points are stuck */
+        task.spec.glows = 1;
         task.spec.lamp_rays = b->glows == SBL__GLOWS_AT_BRIGHT ? SBL__BOUNCE_CORRECT_RAYS : SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
@@ -17471,7 +17473,7 @@ static int sbl__solution_grouped_leaves(void *work) {
    Divides leaves in which the light varies. Light varies most close to lamps, and some leaves are read by more rays
    than others. Once the light is known, the leaves that contribute most to the error are divided, and both parts get
    points. A leaf that very many rays read gets further points, because its error makes the whole scene too bright or
-   too dark. This decision uses the variance of all points in a region, not that of one leaf: otherwise, leaves with one
+   too dark. Both decisions use the variance of all points in a region, not that of one leaf: otherwise, leaves with one
    point that is bright by chance would be divided and become darker, and leaves that are dark by chance would stay as
    they are. This room adds cuts, and raises the maximum number of points of leaves. The stages from RELOCATE on do the
    rest. */
@@ -18149,10 +18151,10 @@ static int sbl__uncertainty_after_propagate(void *work) {
 static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *at, const float normal[3],
                                          const sbl__hit *hit) {
     float other[3], reflected[3] = { 0, 0, 0 };
-    double cosines[2] = { 0, 0 }, across, light, cover;
+    double cosines[2] = { 0, 0 }, width, light, cover;
     int k;
     if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_short(b->store, hit->distance)) return 0;
-    across = (double)b->store->length / (double)hit->distance;
+    width = (double)b->store->length / (double)hit->distance;  /* of a cell, as seen from the point, in radians */
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__ALBEDO_ONE;
     sbl__side_normal(b->geometry, hit->side, other);
@@ -18161,13 +18163,13 @@ static double sbl__uncertainty_smoothed2(const sbl__bounce *b, const sbl__hit *a
         cosines[0] += step * (double)normal[k];
         cosines[1] += step * (double)other[k];
     }
-    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * across * across / SBL__PI, 1);
-    return light * light * cover * SBL__MIN(across * across, 1);
+    cover = SBL__MIN(fabs(cosines[0] * cosines[1]) * width * width / SBL__PI, 1);
+    return light * light * cover * SBL__MIN(width * width, 1);
 }
 
-/* Restores a leaf's light, and the sign of a bright one. Sets its uncertainty to SBL__UNCERTAINTY_STRATA * the relative
-   noise that other leaves have sent, combined with the error of cells whose light varies, see
-   sbl__uncertainty_smoothed2. */
+/* Restores a leaf's light, and makes the red of a bright leaf negative again. Sets its uncertainty to
+   SBL__UNCERTAINTY_STRATA * the relative noise that other leaves have sent, combined with the error of cells whose
+   light varies, see sbl__uncertainty_smoothed2. */
 static sbl_result sbl__uncertainty_leaf(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -18199,8 +18201,8 @@ static sbl_result sbl__uncertainty_leaf(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Drops the glows. They are made again from leaves whose low bits hold the uncertainty, so that they are the same as
-   after sbl_load_store. */
+/* Drops the glows. They are made again from the final light of leaves, whose low bits hold the uncertainty, so that
+   they are the same as after sbl_load_store. */
 static int sbl__uncertainty_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
@@ -18666,9 +18668,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Adaptive placement of sensors (section III-G). The rooms from here to >>fill choose the positions of sensors and the
-   number of looks of each, interpolate their light to the other pixels, and predict the remaining error. This room
-   declares the data and the stages; its functions are about single pixels and sensors.
+   Adaptive placement of sensors (section III-G of the paper). The rooms from here to >>fill choose the positions of
+   sensors and the number of looks of each, interpolate their light to the other pixels, and predict the remaining
+   error. This room declares the data and the stages; its functions are about single pixels and sensors.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
    sites for a job (LIST), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
@@ -18684,8 +18686,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    With a threshold (always in SBL_MODE_PAPER), tiles are instead split where light differs by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
-       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
-       |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
+       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the sensor on the
+       |       |       |      *   *   *       |        common edge tests the interpolation of the right tile
        o       o       o      o   *   o       o
 
    The stages, of which those of guides and places are only needed in some pictures and lightmaps:
@@ -18741,7 +18743,6 @@ typedef struct sbl__pixel_lobe {
 } sbl__pixel_lobe;
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of two */
-
 
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / variance of the mean of n; below 0.5,
                                            since looks share a sequence */
@@ -19203,10 +19204,11 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *t, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
-   beyond this end. If only one end has such a sensor, the other end gets the opposite value. If neither has one (at
-   length 1 and in SBL_MODE_PAPER none is sought), the values are minus and plus the difference between the ends, as at
-   a step. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns 0. */
+/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one edge
+   length beyond this end. If only one end has such a sensor, the other end gets the opposite value. If no end has such
+   a sensor, the values are minus and plus the difference between the ends, as at a step; this applies to all edges of
+   length 1 and in SBL_MODE_PAPER. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns
+   0. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
     const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
@@ -19294,7 +19296,8 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
 }
 
 /* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
-   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the second. */
+   interpolation and, with weight t->uncovered, of extrapolation. Sets t->unseen_bias2, a part of the error of
+   extrapolation. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *t) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -19339,7 +19342,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
 }
 
 /* Returns the mean, over the sensors on a tile's edges, of the squared error of interpolation, less 1.5 times the
-   variance that noise explains; 0: no sensors. */
+   variance that noise explains; 0 if there are no sensors. */
 static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *t) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -19379,7 +19382,8 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *t) {
 /* Summary of the sensors at a tile's corners */
 typedef struct sbl__corners {
     int looks;                /* fewest looks of any usable sensor; 0: no corner has a usable sensor */
-    int is_new;               /* 1: the last round has read at least one of the sensors, or it was round 0 */
+    int is_new;               /* 1: the last round has read at least one of the sensors, or the last round was round
+                                 0 */
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
@@ -19695,10 +19699,10 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>places
-   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden and whose light is not
-   shown. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel: those from which
-   light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's sensor then
-   looks from some of the open positions, its places, and the texel gets about the median of their light
+   Hidden texels of lightmaps: those inside or under an object. Decides which texels are hidden, and which texels do not
+   show their own light. If only the centre of a texel is hidden, a viewer still sees the open positions of the texel:
+   those from which light can leave. To find them, one ray is sent from each of many positions in the texel. The texel's
+   sensor then looks from some of the open positions, its places, and the texel gets about the median of their light
    (sbl__places_mean). */
 
 /* Occlusion. A texel is hidden if surfaces cover more than SBL__HIDDEN_FRACTION of its hemisphere at a mean distance
@@ -19717,7 +19721,8 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
 #define SBL__HIDDEN_BACK 0.8f
 #define SBL__HIDDEN_COVER 0.1f
 #define SBL__HIDDEN_REACH 2       /* distance_limit of the sensors of a lightmap, in widths of a texel */
-/* Search for the places of a refused texel: the positions in it from which light can leave. */
+/* Search for the places of a refused texel (see sbl__places_refuse): positions in the texel from which light can
+   leave */
 #define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
 #define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find SBL__PLACE_RAYS that lie on the chart */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
@@ -19742,10 +19747,10 @@ static int sbl__places_is_behind(const sbl__refine *r, const sbl_reading *readin
            reading->hit_min < r->distance_limit && r->lit_backs <= 0.5 * r->lit;
 }
 
-/* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces cover it, mostly closer than
-   its width, it is close behind a surface, or it is inside a solid or (SBL_MODE_GI) behind a shell such as a cornice:
-   it is dark and sees back faces, unlike most lit sensors. A touched texel is close to the edge of a surface that hides
-   texels, so that light changes within the texel. */
+/* Returns the occlusion of a texel; 0 in pictures. A texel is hidden, so that no viewer sees it, in three cases.
+   Surfaces cover it, mostly closer than its width. It is close behind a surface. It is inside a solid or, in
+   SBL_MODE_GI, behind a shell such as a cornice: it is dark and sees back faces, unlike most lit sensors. A touched
+   texel is close to the edge of a surface that hides texels, so that light changes within the texel. */
 static int sbl__places_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const double light = (double)sbl__luminance(reading->radiance);
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -20085,8 +20090,8 @@ static double sbl__scout_away(const sbl__lamps *lamps, const float from[3], cons
 }
 
 /* Adds the squared luminance that a scout of the grid pixel at `column` and `row` found to the bins of all guides
-   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light
-   below the mean R adds little to the noise. To save time, all guides get it in the scout's direction. */
+   around it. Each guide sees the apparent position of the light (see sbl__scout_away) in another direction. Light below
+   the mean R adds little to the noise; to save time, all guides get such light in the scout's direction. */
 static void sbl__scout_splat(sbl__refine *r, int column, int row, const double u[2], const sbl_reading *found) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p = sbl__guide_pixel(r, column, row);
@@ -20197,14 +20202,15 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 #define SBL__GOAL_LEAST 0.7             /* bias and noise may always have this fraction of the squared target error,
                                            however large the uncertainty of stored light is */
 #define SBL__GOAL_STORED 0.25           /* the squared error from bias and noise may always be this fraction of the
-                                           squared uncertainty of stored light, since a smaller one would hardly reduce
-                                           their sum */
+                                           squared uncertainty of stored light, because a smaller error would hardly
+                                           reduce the sum of both */
 #define SBL__GOAL_MOST 4.0              /* SBL__GOAL_STORED permits at most this * the squared target error, because the
                                            uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most of
                                            them */
 #define SBL__SPLIT_GAIN 0.875f          /* fraction of the squared error of interpolation that a split removes */
-#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), as errors show in dark areas */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this), because errors are more visible
+                                           in dark areas */
 #define SBL__EXPECT_POWER 1.5           /* expected_weight = (expected final / present squared error) ^ this */
 #define SBL__PRICE_ROUNDS 12            /* with a price, each of this number of rounds halves the lowest worth that is
                                            bought, until it is the price */
@@ -20234,11 +20240,11 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 /* Returns the number of pixels over which the picture's error is averaged. */
 static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
-/* Returns the square of (mean of FINAL without emission) / (mean R). (Relative error of R) * (albedo with which a pixel
-   shows it) / (this ratio) is the relative error of FINAL. The mean is the one that the host has set, or an estimate,
-   with R in place of the light in lobes: that of the last weighing or, before it, (mean albedo) * (mean R). Returns 1
-   if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the mean of
-   FINAL. Must be called before r->sum is set to 0. */
+/* Returns the square of s = (mean of FINAL without emission) / (mean R). If R has the relative error e at a pixel,
+   FINAL has the relative error e * (albedo of the pixel) / s. The mean of FINAL is set by the host, or else estimated
+   with R in place of the light in lobes: by the last weighing or, before the first weighing, as (mean albedo) * (mean
+   R). Returns 1 if r->albedos is NULL: errors are then those of R or, in a refinement of lobes, already relative to the
+   mean of FINAL. Must be called before r->sum is set to 0. */
 static float sbl__weigh_shown2(const sbl__refine *r) {
     const double pixels = SBL__MAX(r->shown_pixels, 1.0);
     double mean = (r->diffuse + r->specular) / pixels, light = 0;
@@ -20464,8 +20470,8 @@ static sbl_result sbl__weigh_count(void *work, sbl__slice *slice) {
 static int sbl__weigh_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
 static int sbl__weigh_weighed_tiles(void *work) { return ((sbl__refine *)work)->first_new; }
 
-/* Splits a tile if that is worth at least r->least_worth. Otherwise doubles the looks of its sensors as often as each
-   doubling is worth it. */
+/* Splits a tile if the split is worth at least r->least_worth. Otherwise doubles the looks of its sensors as long as
+   the next doubling is worth at least r->least_worth. */
 static sbl_result sbl__weigh_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *t = &r->tiles[at];
@@ -20497,8 +20503,8 @@ static sbl_result sbl__weigh_spend(void *work, int at) {
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Adds the reading of a site to the running means of its pixel. For a texel with places, does nothing until the reading
-   of its last look, then adds their trimmed mean (sbl__places_mean). Validates the pixel's first reading. */
+/* Adds the reading of a site to the running means of its pixel. For a texel with places, waits for the reading of its
+   last look, and adds the trimmed mean of all its looks (sbl__places_mean). Validates the pixel's first reading. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -20884,7 +20890,8 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
            r->stages.stage == SBL__REFINE_SENSE_PLACES;
 }
 
-/* Returns 1 while no tile of the first round is listed: at first, after a restart, and after a search for places. */
+/* Returns 1 while no tile of the first round is listed: at the beginning, after a restart, and after a search for
+   places. */
 static int sbl__refine_is_at_start(const sbl__refine *r) {
     return r->stages.stage <= SBL__REFINE_LIST && r->rounds == 0 && r->listed == 0;
 }
@@ -20958,7 +20965,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *t, floa
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)t->variance * (double)sbl__variance_ratio(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the few
-                                                       rays of this one may agree by chance */
+                                                       rays of this sensor may agree by chance */
         p->error = sbl__pixel_error(r, p, t->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, t, x, y, f->layer, &m);
@@ -21054,8 +21061,8 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H, which
-   stops at edges. */
+   Smooths R, the light in lobes, or a layer of harmonics or of a light group, with the Gaussian of section III-H of the
+   paper, which stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
@@ -21465,12 +21472,12 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 
        sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B are the bilinear weights at the point's two positions in the map, and x0 is x before. Channels of R
-   that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair of edges of
-   triangles with the same ends and normals in the world, but not in the map: where normals differ, light may differ.
-   The normals are those by which the map is lit: facets that facet_limit affects have their true normals. Points where
-   light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided beneath the
-   wall. */
+   where A and B are the bilinear weights at the point's two positions in the map, and x0 are the texels before the
+   change. Channels of R that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair
+   of edges of triangles with the same ends and normals in the world, but not in the map: where normals differ, light
+   may differ. The normals are those by which the map is lit: facets that facet_limit affects have their true normals.
+   Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided
+   beneath the wall. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
@@ -21637,13 +21644,13 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     for (i = 0; i < count; i++) {
         const double t = (i + 0.5) / count;
         sbl__seam_point point;
-        int whole = 1;
+        int complete = 1;
         for (side = 0; side < 2; side++) {
             double at[2];
             for (k = 0; k < 2; k++) at[k] = (1 - t) * mapped[side][0][k] + t * mapped[side][1][k];
-            whole = whole && sbl__seam_mix(s->light, at, side, &point);
+            complete = complete && sbl__seam_mix(s->light, at, side, &point);
         }
-        if (whole && sbl__seam_is_continuous(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
+        if (complete && sbl__seam_is_continuous(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
     return SBL_SUCCESS;
@@ -21692,7 +21699,7 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
-   right-hand side. Before the first solution of a layer, also frees all channels of the point's texels to change. */
+   right-hand side. Before the first solution of a layer, also lets all channels of the point's texels change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -21805,8 +21812,8 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
    and `need` get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in
    one table. */
 
-/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during
-   refinement; [1]: afterwards */
+/* Memory that a map will need, in bytes, on GPU and host together. Elements of arrays: [0]: during refinement; [1]:
+   afterwards */
 typedef struct sbl__need {
     double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
     double pixels;              /* number of working pixels */
@@ -22279,7 +22286,8 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
 }
 
 /* Puts a pixel of the G-buffer into m->refine. from: position, normal, geometric normal and emission, 4 floats each;
-   gbuffer_fragment.glsl describes the fourth. Emission is only read if m->spec.bounced is 1. id: 0: no surface */
+   gbuffer_fragment.glsl describes the fourth floats. Emission is only read if m->spec.bounced is 1. id: 0: no
+   surface */
 static sbl_result sbl__map_put(sbl__map *m, size_t index, const float *const from[4], uint32_t id) {
     float stored[3] = { 0, 0, 0 };
     int shows_stored = 0;
@@ -22426,7 +22434,7 @@ static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
-/* Deletes the light that the filter has read, unless the filter of further layers needs it. */
+/* Deletes the unfiltered light of R, unless the filter of further layers reads it. */
 static int sbl__map_after_develop(void *work) {
     sbl__map *m = (sbl__map *)work;
     m->developed = 1;
@@ -22506,9 +22514,9 @@ static double sbl__map_seconds_left(const sbl__map *m) {
 }
 
 /* Returns the fraction of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse,
-   SBL__MAP_R_DONE to 0.95 while reflections are measured, 0.95 to 0.99 after that, 1 at the end. Progress never
-   decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, it grows to at most
-   four times its value. */
+   SBL__MAP_R_DONE to 0.95 while reflections are measured, 0.96 to 0.99 after that, 1 at the end. Progress never
+   decreases, so a brief wrong estimate must not raise it too much: while the elapsed time doubles, progress grows to at
+   most four times its value. */
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
@@ -22669,15 +22677,15 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 }
 
 /* ==================================================================================================== >>reflections
-   The light that specular lobes reflect to the camera. After R is known, a second refinement, with sensors that measure
-   the mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's
-   albedo times this layer. The target error applies to FINAL: the predicted error of albedo * R acts like the
+   The light that specular lobes reflect to the camera. After R is known, a second refinement makes this light a layer
+   of the map: its sensors measure the mean radiance in the lobe. FINAL is the sum of emission, albedo * R, and the
+   lobe's albedo times this layer. The target error applies to FINAL: the predicted error of albedo * R acts like the
    uncertainty of stored light, as a part that this refinement cannot reduce.
 
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve */
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
-#define SBL__LOBE_FORESEEN 0.3f   /* light in rougher lobes is expected to change where R changes */
+#define SBL__LOBE_FORESEEN 0.3f   /* in lobes of a larger roughness, light is expected to change where R changes */
 #define SBL__LOBE_CELLS_LEAST 0.1f  /* lower limit of (number of cells that a lobe sees) / (number of cells that R
                                        depends on), because errors of neighbouring cells are similar */
 #define SBL__PANE_ERROR 0.13f     /* assumed relative error of the stored light that panes show */
@@ -23359,8 +23367,8 @@ static uint32_t sbl__lightmap_subtexel_id(const sbl__map *m, int texel, int i) {
 }
 
 /* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
-   m->shown[texel] to the one of them nearest to the texel's centre. If no pixel shows a surface, returns 0 and sets it
-   to the nearest of all. */
+   m->shown[texel] to the one of these pixels that is nearest to the texel's centre. If no pixel shows a surface, sets
+   it to the nearest of all pixels, and returns 0. */
 static int sbl__lightmap_choose_shown(const sbl__map *m, int texel) {
     const int subtexels = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -23434,8 +23442,8 @@ static sbl_result sbl__lightmap_rows(const sbl__map *m, int at, int rows, float 
     return result;
 }
 
-/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. Also keeps the light of supersampled
-   texels in layer 0 in l->mean. */
+/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. Also keeps the light of layer 0 in
+   l->mean if texels are supersampled. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -23500,8 +23508,9 @@ static int sbl__lightmap_finish(sbl__lightmap *l) {
 
 /* Makes the light groups of a texel or vertex add up to its R. In each channel, sets values below 0 to 0, and
    multiplies the rest by one factor; if none is above 0, group 0 gets R. Before this, the sum of the groups differs
-   from R by rounding, and where interpolation, clamps or seams treat each layer separately. whole: R of the texel or
-   vertex; lights: per group, the floats of all texels or vertices; at: index of the first float of this one */
+   from R, because of rounding, and because interpolation, clamps and seams treat each layer separately. whole: R of the
+   texel or vertex; lights: per group, the floats of all texels or vertices; at: index in these of the first float of
+   the texel or vertex */
 static void sbl__groups_scale(const float whole[3], float *const *lights, int groups, size_t at) {
     int g, k;
     for (k = 0; k < 3; k++) {
@@ -23899,9 +23908,9 @@ static const sbl__front_end sbl__readings_front_end = {
    share position and normal. Hat functions h interpolate the unknowns over the triangles. Without desc.average,
    conjugate gradients solve the normal equations that minimise the sum of
 
-       weight (sum of x h - R)^2           for each point; weight is the area that the point stands for
-       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; a slope is the slope
-                                           of light on one side of the edge, in units of light
+       weight (sum of x h - R)^2    for each point; weight: the area that the point stands for
+       smoothing area bend^2        for each hinge, an edge that two triangles share; bend: change of the slope of light
+                                    across the edge, in units of light, see sbl__hinge_make
 
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
@@ -23918,8 +23927,8 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this fraction of a mesh's points see mostly back faces, the mesh
                                            is a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
-                                           its area by more than this fraction of the area */
+#define SBL__VERTICES_ROUNDING 1e-5f    /* points of a triangle were rejected if the weights of the others sum to less
+                                           than (1 - this) * the area of the triangle */
 #define SBL__VERTICES_SPRING 0.02f      /* weight, per area of rejected points, of the mean squared difference between
                                            the light at two corners of their triangle */
 #define SBL__VERTICES_PRECISION 1e-6    /* the solver stops when the residual's norm falls to this * its first value */
@@ -24193,7 +24202,8 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__baked_mesh *baked = sbl__baked_mesh_of(s, triangle, 0);
-    const double mean = baked->area / SBL__MAX(1, baked->triangle_count), across = sbl__vertices_geometry(s)->diagonal;
+    const double mean = baked->area / SBL__MAX(1, baked->triangle_count);
+    const double diagonal = sbl__vertices_geometry(s)->diagonal;
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
@@ -24201,7 +24211,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     baked->points_wanted = s->desc.samples;
-    if (across > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (across * across));
+    if (diagonal > 0) baked->points_wanted *= SBL__MAX(1, SBL__VERTICES_COARSE * mean / (diagonal * diagonal));
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     if (triangle == baked->first_triangle) baked->first_hinge = s->hinge_count;
@@ -24701,9 +24711,9 @@ static int sbl__probe_sites(const sbl__probes *p, int kind) {
 }
 
 /* Computes normal i. As a function of the normal, the even part of R has a kink where the normal is perpendicular to
-   the direction of a light, so it needs many axes; the odd part is smooth. So the latitudes fill only the half z >
-   0, within which a light at a pole causes no kink; every other normal is replaced by its antipode, which doubles the
-   number of axes; and every other latitude is rotated by half a step. */
+   the direction of a light, and needs normals along many axes; the odd part is smooth. The latitudes therefore fill
+   only the half z > 0, within which a light at a pole causes no kink. Every other normal is replaced by its antipode,
+   which doubles the number of axes, and every other latitude is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *p, int i, double out[3]) {
     const int row = i / p->around, step = i % p->around, sign = (row + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (row & 1)) / p->around, z = p->latitude[row], r = sqrt(1 - z * z);
@@ -25013,7 +25023,8 @@ static const sbl__front_end sbl__probes_front_end = {
 
 #define SBL__INSPECT_ACROSS 64  /* width of the target of the program for rays towards lamps, in texels */
 
-/* Data that outlive an inspection. The host may read the arrays until the next one, or until the map is freed. */
+/* Data that outlive an inspection. The host may read the arrays until the next inspection, or until the map is
+   freed. */
 typedef struct sbl__inspection {
     sbl__job job;               /* kept, because the next inspection reuses its textures */
     sbl_sensor_ray *rays;
@@ -25407,9 +25418,9 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces the rays of a sensor at unit distance from the triangle. *met: 1: more than half of the rays hit it, the
-   nearest hit is at about that distance, and R is the fraction of hits times 0.5, the triangle's radiance by ambient
-   light */
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1: more than half of the rays hit the triangle,
+   the nearest hit is at about unit distance, and R is 0.5, the radiance of the triangle by ambient light, times the
+   fraction of rays that hit */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
@@ -25510,8 +25521,8 @@ static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
 }
 
 /* Tries to create a context on a display and to make it current. pbuffer: 1: its surface is a pbuffer; 0: it has no
-   surface. *taken: becomes 1 if a context that EGL did not create, such as one of GLX, is current in this thread;
-   otherwise it stays. Returns EGL_SUCCESS or an error. */
+   surface. *taken: set to 1 if a context that EGL did not create, such as one of GLX, is current in this thread;
+   otherwise unchanged. Returns EGL_SUCCESS or an error. */
 static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 3,
                                     EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
@@ -25663,7 +25674,8 @@ struct sbl_context {
     sbl__map *map;             /* the picture or lightmap, finished or not; NULL: none */
     sbl__inspection inspection;
     sbl__inside inside;
-    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; then NULL */
+    const char *refused[SBL__REFUSALS];  /* functions whose refusal was logged since the work was begun; the rest is
+                                            NULL */
     sbl__egl egl;
 };
 
@@ -26079,7 +26091,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.sites)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.sites;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        sbl__drop(c, c->work);  /* also a finished picture, if the progress callback cancels after the last piece */
+        sbl__drop(c, c->work);  /* also drops a finished picture, if the progress callback cancels after the last
+                                   piece */
         sbl__job_free(&c->core.device, &c->core.job);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
@@ -26222,8 +26235,8 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     return 1;
 }
 
-/* Returns x, a large number of the same sign if x is infinite, or 0 if x is NaN. A product of two results is finite,
-   because compilers may assume that no number is infinite. */
+/* Returns x, a large number of the same sign if x is infinite, or 0 if x is NaN. The product of two results is finite,
+   too: compilers may assume that no number is infinite. */
 static double sbl__bounded(float x) {
     const uint32_t bits = sbl__float_bits(&x);
     return sbl__finite(&x) ? (double)x : bits << 9 ? 0.0 : bits >> 31 ? -1e150 : 1e150;

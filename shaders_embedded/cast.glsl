@@ -1,7 +1,7 @@
 // Finds the first hit of each ray. If the limit of a ray is negative, the ray leaves a surface with the normal
 // `direction` in a random, cosine-distributed direction, and -limit is its maximum length. out_position: xyz:
-// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index in the
-// scene of the triangle), negative for its back; 0 if the ray hits nothing or the driver ended a loop early
+// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the
+// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early
 SBL_OUT(0, out_position);
 // rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
@@ -110,7 +110,7 @@ void sbl_cast_continue(int ray, sbl_Hit hit, vec3 origin, vec3 direction, vec3 t
 shared int pool_count;                       // number of rays in the pool
 shared vec4 pool_directions[SBL_CAST_POOL];  // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
 shared vec4 pool_tints[SBL_CAST_POOL];       // rgb: throughput; a: sbl_Hit.b2
-shared ivec2 pool_hits[SBL_CAST_POOL];       // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
+shared ivec2 pool_hits[SBL_CAST_POOL];       // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray
 
 void main() {
     int mine = int(gl_LocalInvocationIndex), first = int(gl_WorkGroupID.x) * SBL_CAST_POOL;
@@ -122,10 +122,10 @@ void main() {
         vec3 origin, direction;
         bool continues = sbl_cast_ray(ray, hit, origin, direction);
         if (continues) {
-            int at = atomicAdd(pool_count, 1);
-            pool_directions[at] = vec4(direction, hit.b1);
-            pool_tints[at] = vec4(sbl_tint, hit.b2);
-            pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
+            int entry = atomicAdd(pool_count, 1);
+            pool_directions[entry] = vec4(direction, hit.b1);
+            pool_tints[entry] = vec4(sbl_tint, hit.b2);
+            pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
         } else {
             sbl_cast_write(ray, hit, origin + direction * hit.distance, sbl_tint);
             sbl_cast_write_metal_light(ray, vec4(0));
@@ -134,11 +134,11 @@ void main() {
     memoryBarrierShared();
     barrier();
     int filled = pool_count;
-    for (int at = mine; at < filled; at += SBL_LOCKSTEP) {
-        int triangle = pool_hits[at].x >> 1;
-        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,
-                              pool_tints[at].w, (pool_hits[at].x & 1) != 0);
-        sbl_cast_continue(pool_hits[at].y, hit, vec3(0), pool_directions[at].xyz, pool_tints[at].rgb);
+    for (int entry = mine; entry < filled; entry += SBL_LOCKSTEP) {
+        int triangle = pool_hits[entry].x >> 1;
+        sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,
+                              pool_tints[entry].w, (pool_hits[entry].x & 1) != 0);
+        sbl_cast_continue(pool_hits[entry].y, hit, vec3(0), pool_directions[entry].xyz, pool_tints[entry].rgb);
     }
 }
 #else

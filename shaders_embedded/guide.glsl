@@ -7,18 +7,18 @@ uniform usampler2D sbl_guides;
 // Finds the interval that contains x among the 8 * texels intervals stored from texel `from` on. Returns the
 // interval's start, end and index.
 vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
-    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);
+    vec3 interval = vec3(0, SBL_GUIDE_STEPS, -1);
     for (int i = 0; i < texels; i++) {
         uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);
         vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);
         vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));
         vec4 last = max(a * begun_a, b * begun_b);
         vec4 end = vec4(SBL_GUIDE_STEPS), next = min(mix(end, a, 1.0 - begun_a), mix(end, b, 1.0 - begun_b));
-        at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));
-        at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));
-        at.z += dot(begun_a + begun_b, vec4(1));
+        interval.x = max(interval.x, max(max(last.x, last.y), max(last.z, last.w)));
+        interval.y = min(interval.y, min(min(next.x, next.y), min(next.z, next.w)));
+        interval.z += dot(begun_a + begun_b, vec4(1));
     }
-    return at;
+    return interval;
 }
 
 // Returns the first texel of a guide.

@@ -13,13 +13,13 @@ uniform bool scouts;
 const int SBL_MIRRORED = 4;               // a sensor uses this many mirrored lamps, which are the brightest
 const float SBL_MIRRORED_RAYS = 0.3;      // largest fraction of the rays that go to mirrored lamps. It is smaller
                                           // for small mirrors, and for wide highlights, which other rays also find
-const float SBL_MIRRORED_FRACTION = 4.0;  // the fraction is multiplied by min(1, this * m / d). m: light of the
-                                          // mirrored lamps; d: direct, unobstructed light of their brightest lamp
+const float SBL_MIRRORED_FRACTION = 4.0;  // SBL_MIRRORED_RAYS is multiplied by min(1, this * m / d). m: light of
+                                          // the mirrored lamps; d: unblocked direct light of the brightest lamp
 const float SBL_MIRRORED_WIDTH2 = 1e-6;   // lower limit of squared widths, below which float rounding would show
 const float SBL_MIRRORED_NARROW = 0.004;  // squared width up to which a highlight is narrow
 const float SBL_MIRRORED_SPAN = 16.0;     // (diagonal of a mirror / width of the highlight that it covers)^2
 vec4 mirrored_direction[SBL_MIRRORED];    // xyz: unit direction to the image of the lamp; w: squared width
-float mirrored_chance[SBL_MIRRORED];      // probability of each; their sum is 1. The most probable ones come first
+float mirrored_chance[SBL_MIRRORED];      // probability of each, in descending order; the sum is 1
 float mirrored_rays = 0.0;                // fraction of this sensor's rays that go to mirrored lamps
 
 // Inserts a mirrored lamp into the sorted list, which keeps the lamps with the largest chances.
@@ -35,15 +35,15 @@ void sbl_mirrored_add(vec4 direction, float chance) {
     }
 }
 
-// Chooses the mirrored lamps of a sensor. The width of a highlight is that of the lobe, as seen from the sensor,
-// and of the lamp. A deviation of the ray by x turns the half vector by x / 2 * (distance to the lamp's image) /
-// (distance from the mirror to this image).
+// Chooses the mirrored lamps of a sensor. The squared width of a highlight is the sum of the squared widths of
+// the lobe and of the lamp, in radians, as seen from the sensor. A deviation of the ray by x turns the half
+// vector by x / 2 * (distance to the lamp's image) / (distance from the mirror to this image).
 void sbl_mirrored_begin(vec3 from, vec3 normal) {
     for (int k = 0; k < SBL_MIRRORED; k++) {
         mirrored_direction[k] = vec4(normal, 1);
         mirrored_chance[k] = 0.0;
     }
-    float most = 0.0, brightest = 0.0;
+    float most = 0.0, brightest = 0.0;  // most: factor of SBL_MIRRORED_RAYS
     for (int i = 0; i < mirrored_count; i++) {
         bool distant = sbl_mirrored_distant(i) != 0u;
         vec3 mirror_normal = sbl_mirrored_normal(i);
@@ -83,7 +83,7 @@ void sbl_mirrored_begin(vec3 from, vec3 normal) {
 }
 
 // Maps a uniform point u in the unit square to a direction near one of the mirrored lamps. tan^2 of the angle
-// between both has the distribution of GGX.
+// between the direction and the lamp has the distribution of GGX.
 vec3 sbl_mirrored_sample(vec2 u) {
     vec4 highlight = mirrored_direction[0];
     float first = 0.0, chance = mirrored_chance[0], sum = mirrored_chance[0];
@@ -104,9 +104,9 @@ float sbl_mirrored_density(vec3 direction) {
     float density = 0.0;
     for (int k = 0; k < SBL_MIRRORED; k++) {
         float width2 = mirrored_direction[k].w, z = dot(direction, mirrored_direction[k].xyz);
-        // A cross product, because 1 - z^2 would consist of rounding errors near the middle of a narrow highlight.
-        vec3 across = cross(direction, mirrored_direction[k].xyz);
-        float t = z * z * width2 + dot(across, across);
+        // A cross product replaces 1 - z^2, which is mostly rounding error in the middle of narrow highlights.
+        vec3 cross_product = cross(direction, mirrored_direction[k].xyz);
+        float t = z * z * width2 + dot(cross_product, cross_product);
         density += z > 0.0 ? mirrored_chance[k] * width2 * z / (SBL_PI * t * t) : 0.0;
     }
     return density;

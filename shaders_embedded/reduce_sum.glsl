@@ -12,7 +12,7 @@ layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
 layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
 uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics
-uniform bool even;             // true: add the correction from block_control
+uniform bool has_control;      // true: add the correction from block_control
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
@@ -43,7 +43,7 @@ void main() {
     if (look < first || look > last) discard;
     ivec2 slot = ivec2(look % slots % columns, look % slots / columns);
     ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, invocations);
-    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), control = vec4(0);
     for (int y = 0; y < blocks.y; y++) {
         vec4 row = vec4(0), row_hits = vec4(0);
         for (int x = 0; x < blocks.x; x++) {
@@ -51,7 +51,7 @@ void main() {
             vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);
             row_hits += h;
             hits.z = min(hits.z, h.z);
-            if (even) missed += texelFetch(block_control, corner + ivec2(x, y), 0);
+            if (has_control) control += texelFetch(block_control, corner + ivec2(x, y), 0);
         }
         sum += row;
         hits.xyw += row_hits.xyw;
@@ -80,8 +80,8 @@ void main() {
     SBL_IF_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)
 #endif
 #ifdef SBL_DIRECTIONAL
-    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;
-    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;
-    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;
+    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * control;
+    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * control;
+    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * control;
 #endif
 }

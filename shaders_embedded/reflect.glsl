@@ -16,8 +16,8 @@ float ray_density = 0.0;     // pdf, per solid angle, with which the ray's direc
 
 // Sets hit_continues for a hit. Gloss that reflects less than SBL_STRONG for the angle between ray and surface
 // continues only some of the rays, with the probability reflectance / SBL_STRONG, but at least chance_least.
-// Opacity is divided by this probability, because it is a factor of the lobe. A pane continues every ray, because
-// sbl_passes has chosen the rays that it reflects. The albedo of gloss becomes that of its diffuse component for
+// m.opacity, a factor of the lobe, is divided by this probability. A pane continues every ray, because sbl_passes
+// has chosen the rays that the pane reflects. The albedo of gloss becomes the albedo of its diffuse component for
 // this angle. direction: direction of the ray. last: true if the ray ends here; no ray continues then, and the
 // albedo includes the lobe
 void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) {
@@ -25,9 +25,9 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) 
     for (int once = 0; once < (sbl_hit_as_gloss(m) ? 1 : 0); once++) {
         vec3 p0 = sbl_triangle_corner_0(hit.triangle);
         vec3 side_1 = sbl_triangle_corner_1(hit.triangle) - p0, side_2 = sbl_triangle_corner_2(hit.triangle) - p0;
-        vec3 across = cross(side_1, side_2);
-        float sizes = length(across) * length(direction);
-        float cosine = sizes > 0.0 ? abs(dot(across, direction)) / sizes : 1.0;
+        vec3 cross_product = cross(side_1, side_2);
+        float sizes = length(cross_product) * length(direction);
+        float cosine = sizes > 0.0 ? abs(dot(cross_product, direction)) / sizes : 1.0;
         vec3 reflectance = sbl_fresnel(m.reflectance, cosine), reflected = sbl_lobe_reflected(m, cosine, vec3(1));
         float chance = min(max(reflectance.r, max(reflectance.g, reflectance.b)) / SBL_STRONG, 1.0);
         chance = max(chance, chance_least);
@@ -52,7 +52,7 @@ float sbl_hit_density(sbl_Hit hit, vec3 direction) {
 struct sbl_Reflection {
     vec3 from;
     vec3 to_lamp;           // unit direction of the ray to a lamp
-    float away;             // length of that ray; 0: no lamp gives light
+    float away;             // length of the ray to the lamp; 0: no lamp gives light
     int number;             // index of the lamp's triangle in the scene, or -1
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
     int layer;              // layer of that light, see SBL_GROUPS
@@ -75,9 +75,9 @@ const int SBL_LAMP_TRIES = 8;
 // Sequences")
 const vec2 SBL_LAMP_STEP = vec2(0.7548776662, 0.5698402910);
 
-// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: its lobe; pick: random number, 0 to
-// 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it, divided by the
-// chance of the point among those that were tried, times its MIS weight.
+// Replaces s, the point of lamp l at u, by the point that is taken. hit_lobe: lobe of the hit; pick: random
+// number, 0 to 1. Returns the light / unit that the lobe would reflect from the point if nothing blocked it,
+// divided by the chance of the point among those that were tried, times its MIS weight.
 vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl_Sample s) {
     sbl_Sample tried = s;
     vec3 light = vec3(0);
@@ -101,17 +101,17 @@ vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl
 }
 #endif
 
-// Samples the two rays that start at a hit that is near or sets hit_continues (see SBL_SEGMENTS): the ray to a
-// lamp and the next segment. direction: direction of the ray that arrives at the hit. hash: source of the random
-// numbers
+// Samples the two rays that start at a hit: the ray to a lamp and the next segment. Called for hits of short rays
+// (see SBL_SEGMENTS) and if hit_continues is true. direction: direction of the ray that arrives at the hit. hash:
+// source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
-    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
+    vec3 cross_product = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
     uvec4 random = uvec4(hash, 0, 0, 0);
     for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
-    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
+    sbl_Bounce bounce = sbl_bounce(material, cross_product, -direction, sbl_unit_square(random.xy));
     sensor_normal = bounce.normal;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;

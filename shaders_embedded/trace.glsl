@@ -31,8 +31,8 @@ const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pai
 // cell are near. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
-// For rays of a lobe, the factor is at most this times the lobe's alpha, because a narrow lobe does not average
-// over cells.
+// For rays of a lobe, SBL_FIRST_SCALE is lowered to this times the lobe's alpha, if that is less, because a
+// narrow lobe does not average over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
 vec3 arriving = vec3(0);              // direction of the ray that found the last hit
@@ -261,41 +261,41 @@ const int SBL_TERMS = 2 * SBL_SEGMENTS - 1;
 shared int pool_counts[SBL_SEGMENTS];        // number of rays in each pool
 shared vec4 pool_directions[2 * SBL_POOL];   // xyz: direction of the segment that ends at the hit; w: sbl_Hit.b1
 shared vec4 pool_throughputs[2 * SBL_POOL];  // rgb: throughput; a: sbl_Hit.b2
-shared ivec2 pool_hits[2 * SBL_POOL];        // 2 * sbl_Hit.triangle + (1 for its back); index of the ray
+shared ivec2 pool_hits[2 * SBL_POOL];        // x: 2 * sbl_Hit.triangle + (1 for its back); y: index of the ray
 shared uint pool_hashes[2 * SBL_POOL];
-shared vec2 pool_chances[2 * SBL_POOL];      // chance_least; alpha of the look's lobe
+shared vec2 pool_chances[2 * SBL_POOL];      // x: chance_least; y: alpha of the look's lobe
 shared vec3 pool_terms[SBL_TERMS * SBL_POOL];
-shared int pool_steps[SBL_LOCKSTEP];         // number of steps of the rays of each invocation that continued
+shared int pool_steps[SBL_LOCKSTEP];         // per invocation: number of steps of its rays after their first hits
 shared int pool_lost;                        // 1: an invocation has lost rays
 
 // Adds the ray that is traced to the pool of this segment. ray: its index in the workgroup
 void sbl_pool(int segment, sbl_Hit hit, int ray, uint hash) {
-    int at = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);
-    pool_directions[at] = vec4(direction, hit.b1);
-    pool_throughputs[at] = vec4(throughput, hit.b2);
-    pool_hits[at] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
-    pool_hashes[at] = hash;
-    pool_chances[at] = vec2(chance_least, 0);
+    int entry = segment * SBL_POOL + atomicAdd(pool_counts[segment], 1);
+    pool_directions[entry] = vec4(direction, hit.b1);
+    pool_throughputs[entry] = vec4(throughput, hit.b2);
+    pool_hits[entry] = ivec2(2 * hit.triangle + (hit.back ? 1 : 0), ray);
+    pool_hashes[entry] = hash;
+    pool_chances[entry] = vec2(chance_least, 0);
 #ifdef SBL_LOBE
-    pool_chances[at].y = lobe.alpha;
+    pool_chances[entry].y = lobe.alpha;
 #endif
 }
 
-// Continues a ray of the pool by this segment. at: index of the ray in the pool
-void sbl_take(int at, int segment) {
-    int triangle = pool_hits[at].x >> 1, ray = pool_hits[at].y, steps = sbl_steps;
-    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[at].w,
-                          pool_throughputs[at].w, (pool_hits[at].x & 1) != 0);
-    direction = pool_directions[at].xyz;
-    throughput = pool_throughputs[at].rgb;
-    chance_least = pool_chances[at].x;
+// Continues a ray of the pool by this segment. entry: index of the ray in the arrays of the pools
+void sbl_take(int entry, int segment) {
+    int triangle = pool_hits[entry].x >> 1, ray = pool_hits[entry].y, steps = sbl_steps;
+    sbl_Hit hit = sbl_Hit(0.0, triangle, int(sbl_triangle_number(triangle)), pool_directions[entry].w,
+                          pool_throughputs[entry].w, (pool_hits[entry].x & 1) != 0);
+    direction = pool_directions[entry].xyz;
+    throughput = pool_throughputs[entry].rgb;
+    chance_least = pool_chances[entry].x;
 #ifdef SBL_LOBE
-    lobe.alpha = pool_chances[at].y;
+    lobe.alpha = pool_chances[entry].y;
 #endif
     sbl_Material material = sbl_material(int(sbl_triangle_object(triangle)), sbl_attributes_of(hit));
     sbl_face_ray(material, hit, direction, false);
     chance_least = 0.0;
-    uint hash = pool_hashes[at];
+    uint hash = pool_hashes[entry];
     int term = SBL_TERMS * ray + 2 * segment;
     sum.rgb = vec3(0);
     bool continues = sbl_continue_ray(hit, material, sbl_hash_step(hash, uint(2 * segment - 2)));
@@ -305,7 +305,7 @@ void sbl_take(int at, int segment) {
     pool_terms[term] = sum.rgb;
     if (continues) sbl_pool(segment, hit, ray, hash);
     atomicAdd(pool_steps[ray / SBL_POOL_RAYS], sbl_steps - steps);
-    sbl_steps = steps;  // they count for the owner of the ray alone
+    sbl_steps = steps;  // the steps count for the invocation that owns the ray
 }
 #endif
 
@@ -335,15 +335,17 @@ void main() {
     }
 #endif
 
+    // The variance is estimated from the differences between pairs of neighbours on the Morton curve. squares:
+    // sum of the squared differences; other: luminance of the previous ray
     float squares = 0.0, other = 0.0;
 #ifdef SBL_GROUPS
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);
 #endif
-    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, and so does `even`
-    vec4 even = vec4(0);
+    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL, as `control` does
+    vec4 control = vec4(0);
     int block = within.y * blocks.x + within.x, block_count = blocks.x * blocks.y;
-    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
 #ifdef SBL_POOLED
+    // mine: index of the invocation; first: index of its first ray; all: number of its rays so far
     int mine = int(gl_LocalInvocationIndex), first = mine * SBL_POOL_RAYS, all = 0;
     if (mine < SBL_SEGMENTS) pool_counts[mine] = 0;
     if (mine == 0) pool_lost = 0;
@@ -406,7 +408,7 @@ void main() {
         }
         vec4 to_harmonics = sbl_harmonics(first_direction, normal, sbl_stratum_reciprocal(u.x));
         harmonics += outerProduct(to_harmonics, sum.rgb - before);
-        even -= weight * to_harmonics;
+        control -= weight * to_harmonics;
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;
@@ -430,6 +432,6 @@ void main() {
     sbl_write_layers(layers);
 #endif
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + even / float(rays));
+    sbl_write(out_control, sbl_harmonics(normal, normal, 2.0) / float(block_count) + control / float(rays));
 #endif
 }
