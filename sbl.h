@@ -7138,7 +7138,7 @@ SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__S
 
 /* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | index. The index counts triangles in the
    hierarchy's order, lights, glows, or texels (row * width + column). layer: index of the lamp's light group; a glow
-   has light of all groups, see sbl_lamp_layer_fraction in lamp.glsl */
+   has light of all groups, see sbl_layer_fraction in lamp.glsl */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UINT, layer) X(sbl__lamp_leaf, UVEC2, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -8434,6 +8434,16 @@ static const char *const sbl__glsl_store[] = {
 "\n",
 "// Returns true if rays of this length read the cells for short rays.\n",
 "bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }\n",
+"\n",
+"const float SBL_GLOW_REACH = 6.0;  // lengths of a cell of level 0 at which sbl_glow_mis is 1/2\n",
+"\n",
+"// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A ray to\n",
+"// a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about as large as\n",
+"// cells, but a single ray to one of many close glows would be noisy.\n",
+"float sbl_glow_mis(float distance) {\n",
+"    float x = distance * per_cell / SBL_GLOW_REACH;\n",
+"    return 1.0 / (1.0 + x * x);\n",
+"}\n",
 "\n",
 "// Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.\n",
 "// back: the ray sees the back of the triangle. distance: length of the ray that sees the position\n",
@@ -12332,7 +12342,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)\n",
 "    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`\n",
 "    int layer;                 // index of the lamp's light group; glow: index of its record, see\n",
-"                               // sbl_lamp_layer_fraction\n",
+"                               // sbl_layer_fraction\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) {\n",
@@ -12410,10 +12420,10 @@ static const char *const sbl__glsl_lamp[] = {
 "#ifdef SBL_GROUPS\n",
 "uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer\n",
 "\n",
-"// Returns the fraction of a lamp's light that belongs to a layer.\n",
-"vec3 sbl_lamp_layer_fraction(sbl_Lamp l, int layer) {\n",
-"    if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);\n",
-"    return vec3(l.layer == layer ? 1.0 : 0.0);\n",
+"// Returns the fraction of a lamp's light that belongs to a layer. glow, lamp_layer: fields of sbl_Lamp\n",
+"vec3 sbl_layer_fraction(bool glow, int lamp_layer, int layer) {\n",
+"    if (glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + lamp_layer * SBL_GROUPS + layer).xyz);\n",
+"    return vec3(lamp_layer == layer ? 1.0 : 0.0);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -12842,7 +12852,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Adds the light of a lamp to sums ordered like whole_layers.\n",
 "void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {\n",
 "    for (int g = 0; g < SBL_GROUPS; g++) {\n",
-"        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);\n",
+"        vec3 group_light = light * sbl_layer_fraction(l.glow, l.layer, g);\n",
 "        sums[g] += l.facing.x * group_light;\n",
 "        sums[SBL_GROUPS + g] += l.facing.y * group_light;\n",
 "    }\n",
@@ -14043,7 +14053,8 @@ static const char *const sbl__glsl_reflect[] = {
 "    float away;             // length of the ray to the lamp; 0: no lamp gives light\n",
 "    int number;             // index of the lamp's triangle in the scene, or -1\n",
 "    vec3 light;             // light that arrives from the lamp if the ray is unblocked\n",
-"    int layer;              // layer of that light, see SBL_GROUPS\n",
+"    bool glow;              // true: the lamp is a glow\n",
+"    int layer;              // sbl_Lamp.layer of the lamp, see SBL_GROUPS\n",
 "    vec3 direction;         // direction of the next segment\n",
 "    vec3 throughput;        // factor by which the next segment changes the throughput of the path\n",
 "    float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided\n",
@@ -14089,6 +14100,39 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
+"// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of them is\n",
+"// taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small MIS weight.\n",
+"const int SBL_DIFFUSE_TRIES = 4;\n",
+"\n",
+"// Picks a lamp and a point on it. Returns the light that a diffuse surface would reflect from the point if nothing\n",
+"// blocked it, divided by the chance of the pick and of the point. tries: number of points that are tried; if it is 1,\n",
+"// p.chance is the chance of the lamp. random: source of the random numbers\n",
+"vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l, out sbl_Sample s) {\n",
+"    vec3 light = vec3(0);\n",
+"    float all = 0.0, taken = 1.0;\n",
+"    for (int k = 0; k < tries; k++) {\n",
+"        sbl_Pick tried = sbl_Pick(0, 1.0, sbl_unit_square(random), false);\n",
+"        sbl_descend(tried, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.x);\n",
+"        sbl_Lamp lamp = sbl_lamp(tried.leaf);\n",
+"        sbl_Sample point = sbl_sample(lamp, tried.u);\n",
+"        vec3 found = sbl_reflected(material, point.light) * (unit / tried.chance);\n",
+"        if (lamp.glow) found *= 1.0 - sbl_glow_mis(point.distance);\n",
+"        float weight = found.r + found.g + found.b;\n",
+"        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect\n",
+"        all += weight;\n",
+"        uint pick = sbl_hash_step(random.y, 4u);\n",
+"        random = uvec2(sbl_hash_step(pick, 5u), sbl_hash_step(pick, 6u));\n",
+"        if (k == 0 || sbl_unit_square(uvec2(pick)).x * all < weight) {\n",
+"            p = tried;\n",
+"            l = lamp;\n",
+"            s = point;\n",
+"            light = found;\n",
+"            taken = weight;\n",
+"        }\n",
+"    }\n",
+"    return tries == 1 ? light : light * (all / (float(tries) * max(taken, 1e-30)));\n",
+"}\n",
+"\n",
 "// Samples the two rays that start at a hit: the ray to a lamp and the next segment. Called for hits of short rays\n",
 "// (see SBL_SEGMENTS) and if hit_continues is true. direction: direction of the ray that arrives at the hit. hash:\n",
 "// source of the random numbers\n",
@@ -14104,7 +14148,7 @@ static const char *const sbl__glsl_reflect[] = {
 "    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
 "    ray_origin = position + above * sensor_normal;\n",
-"    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), 0, bounce.direction,\n",
+"    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), false, 0, bounce.direction,\n",
 "                                      bounce.weight, 0.0);\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Lobe hit_lobe;\n",
@@ -14127,13 +14171,17 @@ static const char *const sbl__glsl_reflect[] = {
 "    }\n",
 "#endif\n",
 "    if (lamp_leaves == 0) return r;\n",
-"    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);\n",
-"    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);\n",
-"    sbl_Lamp l = sbl_lamp(p.leaf);\n",
-"    sbl_Sample s = sbl_sample(l, p.u);\n",
+"    int tries = bright_cells > 0 ? SBL_DIFFUSE_TRIES : 1;\n",
+"#ifdef SBL_SPECULAR\n",
+"    tries = hit_continues ? 1 : tries;\n",
+"#endif\n",
+"    sbl_Pick p;\n",
+"    sbl_Lamp l;\n",
+"    sbl_Sample s;\n",
+"    r.light = sbl_pick_lamp(material, tries, random.zw, p, l, s);\n",
 "    r.number = l.number;\n",
+"    r.glow = l.glow;\n",
 "    r.layer = l.layer;\n",
-"    r.light = sbl_reflected(material, s.light) * (unit / p.chance);\n",
 "#ifdef SBL_SPECULAR\n",
 "    for (int once = 0; once < (hit_continues ? 1 : 0); once++) {\n",
 "        float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;\n",
@@ -14208,6 +14256,11 @@ static const char *const sbl__glsl_trace[] = {
 "    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += g == layer ? light : vec3(0);\n",
 "}\n",
 "\n",
+"// Adds the light of a lamp. glow, layer: fields of sbl_Lamp\n",
+"void sbl_add_lamp(bool glow, int layer, vec3 light) {\n",
+"    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += sbl_layer_fraction(glow, layer, g) * light;\n",
+"}\n",
+"\n",
 "#ifdef SBL_BOUNCED\n",
 "// Adds `factor` times the layers of a leaf. leaf: result of sbl_leaf_at\n",
 "void sbl_add_stored(int leaf, vec3 factor) {\n",
@@ -14217,6 +14270,7 @@ static const char *const sbl__glsl_trace[] = {
 "#else\n",
 "const int sky_layer = 0;\n",
 "#define sbl_add_layer(layer, light)\n",
+"#define sbl_add_lamp(glow, layer, light)\n",
 "#define sbl_add_stored(leaf, factor)\n",
 "#endif\n",
 "\n",
@@ -14224,8 +14278,8 @@ static const char *const sbl__glsl_trace[] = {
 "// radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if\n",
 "// the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,\n",
 "// which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component\n",
-"// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of\n",
-"// glows, which lamps.glsl measures for the sensor.\n",
+"// reflects. material: set only with SBL_BOUNCED. The result contains only the fraction glow_mis of the light of\n",
+"// glows, because rays to lamps find it: those of lamps.glsl and, where a ray continues, that of sbl_continue_ray.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,\n",
 "                  out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
@@ -14258,8 +14312,8 @@ static const char *const sbl__glsl_trace[] = {
 "        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
-"        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
-"        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,\n",
+"        light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
+"        sbl_add_stored(bright_cells > 0 ? leaf : 0,\n",
 "                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
@@ -14277,8 +14331,8 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "// Maximum number of segments of a ray. At hits of short rays (see sbl_is_short and SBL_FIRST_SCALE), the mean\n",
 "// light of the cell may differ much from the light at the hit. Therefore the store is not read there, except to\n",
-"// subtract the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds\n",
-"// the bounced light. The last segment reads the store at any distance.\n",
+"// subtract the light of glows: instead, a ray to a lamp or glow finds the light of lamps and glows, and the next\n",
+"// segment finds the rest of the bounced light. The last segment reads the store at any distance.\n",
 "const int SBL_SEGMENTS = 3;\n",
 "#else\n",
 "const int SBL_SEGMENTS = 1;\n",
@@ -14333,7 +14387,6 @@ static const char *const sbl__glsl_trace[] = {
 "    for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);\n",
 "    throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);\n",
 "    ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);\n",
-"    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
 "    first_direction = direction;\n",
 "    limit = ray_length;\n",
@@ -14364,6 +14417,12 @@ static const char *const sbl__glsl_trace[] = {
 "    lamp_mis = 0.0;\n",
 "    if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));\n",
 "#endif\n",
+"#ifdef SBL_BOUNCED\n",
+"    glow_mis = segment == 0 ? 0.0 : sbl_glow_mis(hit.distance);\n",
+"#ifdef SBL_SPECULAR\n",
+"    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
+"#endif\n",
+"#endif\n",
 "    vec3 position = from + direction * hit.distance;\n",
 "#ifdef SBL_GROUPS\n",
 "    carried = throughput;\n",
@@ -14388,7 +14447,7 @@ static const char *const sbl__glsl_trace[] = {
 "    return sbl_hash_step(sbl_hash_step(scramble.x, uint(number)), scramble.y);\n",
 "}\n",
 "\n",
-"// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.\n",
+"// Traces a shadow ray from a hit to a lamp or glow, adds its light to `sum`, and begins the next segment.\n",
 "// hash: source of the random numbers. Returns false if the next segment would carry no light.\n",
 "bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {\n",
 "    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
@@ -14396,7 +14455,7 @@ static const char *const sbl__glsl_trace[] = {
 "    sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
 "    if (between.triangle < 0 || between.number == next.number) {\n",
 "        sum.rgb += throughput * sbl_tint * next.light;\n",
-"        sbl_add_layer(next.layer, throughput * sbl_tint * next.light);\n",
+"        sbl_add_lamp(next.glow, next.layer, throughput * sbl_tint * next.light);\n",
 "    }\n",
 "    throughput *= next.throughput;\n",
 "    direction = next.direction;\n",
@@ -14739,8 +14798,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
                                        (pooled ? (unsigned)SBL__POOLED : 0));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lamps_bind(d, &b->scene->lamps);  /* without glows: a path adds the light of a glow where
-                                                                    the path hits the glow */
+    if (b->spec->bounced) sbl__lamps_bind(d, sbl__scene_lamps(b->scene, b->spec->glows));
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -15680,7 +15738,8 @@ typedef struct sbl__bounce_point {
 
 /* What the rays of valid points find at a leaf. light: sum of the luminance of the radiance that the rays find; rays:
    number of the rays. Each ray is weighted by sbl__point_weight and by the `fraction` of its point's leaf. bucket:
-   index of the leaf's cell in the hash grid of the store, or -1 if the leaf is no candidate for a bright leaf */
+   index of the leaf's cell in the hash grid of the store; -1: the leaf is no candidate for a bright leaf; -2: it was a
+   candidate, but its cell fills too much of the view, see sbl__bright_uncrowded */
 typedef struct sbl__leaf_found {
     float light, rays;
     int bucket;
@@ -15738,6 +15797,7 @@ typedef struct sbl__bounce_leaf {
     X(SBL__BOUNCE_CHOOSE, sbl__bright_make_list, NULL, NULL, NULL) \
     X(SBL__BOUNCE_GLOW, sbl__bright_glow, NULL, NULL, sbl__bright_after_glow) \
     X(SBL__BOUNCE_SPREAD, sbl__bright_sites_make, sbl__bright_sites, sbl__solution_leaves, sbl__bright_after_sites) \
+    X(SBL__BOUNCE_SPREAD_CAST, sbl__bright_cast, NULL, NULL, sbl__bright_after_cast) \
     X(SBL__BOUNCE_SPREAD_LIGHT, sbl__solution_run_job, NULL, NULL, sbl__bright_after_light) \
     X(SBL__BOUNCE_CORRECT, NULL, sbl__bright_correct, sbl__solution_leaves, sbl__bright_after_correct) \
     X(SBL__BOUNCE_NOISE, NULL, sbl__uncertainty_noise, sbl__solution_leaves, sbl__uncertainty_after_noise) \
@@ -15850,6 +15910,8 @@ typedef struct sbl__bounce {
     int changed;                     /* number of leaves that this round of division has divided, plus the number of
                                         leaves that get further points */
     sbl__leaf_found *leaf_found;     /* per leaf: what rays find there, for the choice of bright leaves */
+    sbl__hits receivers;             /* hits of rays from the sites of bright leaves, SBL__BRIGHT_RAYS per site, on
+                                        surfaces that receive the light of these leaves */
 } sbl__bounce;
 
 /* ======================================================================================================== >>cast
@@ -16602,22 +16664,27 @@ static int sbl__cells_after_assign(void *work) {
 
 /* >>cells: rays */
 
-/* Makes a ray that leaves a hit in a cosine-distributed direction. number: index of the pair of b->sequence that gives
-   the direction, scrambled with a hash of `seed` */
-static void sbl__cells_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    const float *normal = b->origin.normal;
+/* Makes a ray that leaves a surface in a cosine-distributed direction. offset: distance from the surface at which the
+   ray starts; fractions: pair of b->sequence that gives the direction, scrambled with a hash of `seed` */
+static void sbl__cells_cosine_ray(const float position[3], const float normal[3], float offset,
+                                  const uint32_t fractions[2], uint32_t seed, sbl__cast *out) {
     int k;
+    out->fractions = (fractions[0] ^ sbl__hash(seed)) >> 16 | ((fractions[1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
+    for (k = 0; k < 3; k++) {
+        out->direction[k] = normal[k];
+        out->origin[k] = position[k] + offset * normal[k];
+    }
+    out->limit = -SBL__UNBOUNDED;
+}
+
+/* Makes a ray that leaves a hit. number: index of the pair of b->sequence that gives the direction; seed: see
+   sbl__cells_cosine_ray */
+static void sbl__cells_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     if (b->origin.side != at->side) {
         b->origin.side = at->side;
         b->origin.offset = sbl__side_offset(b->geometry, at->side, b->origin.normal);
     }
-    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
-                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
-    for (k = 0; k < 3; k++) {
-        out->direction[k] = normal[k];
-        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
-    }
-    out->limit = -SBL__UNBOUNDED;
+    sbl__cells_cosine_ray(at->position, b->origin.normal, b->origin.offset, b->sequence + 2 * number, seed, out);
 }
 
 static void sbl__cells_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
@@ -17702,12 +17769,14 @@ static int sbl__division_after_sort(void *work) {
                                       easily, and shadow rays towards these are costly */
 #define SBL__BRIGHT_LEAVES 1024    /* maximum number of bright leaves that are chosen; further leaves beside these may
                                       become bright, see sbl__bright_widen */
-#define SBL__BRIGHT_CROWD 0.67     /* candidates become bright only if, on average, at most this fraction of the rays of
+#define SBL__BRIGHT_CROWD 0.8      /* candidates become bright only if, on average, at most this fraction of the rays of
                                       a point that sees them hits candidates; rays over the hemisphere find areas that
                                       fill more of the view, such as the gap above a lamp */
 #define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than this
                                       * (mean R)^2: bounced light is smooth, or weak beside the light of lamps */
 #define SBL__BRIGHT_SITES 64       /* number of positions on a bright leaf at which the light of lamps is measured */
+#define SBL__BRIGHT_RAYS 4         /* number of rays from each of these positions, which find the surfaces that receive
+                                      the light of the leaf */
 #define SBL__BRIGHT_TURN 0.6180339887498949  /* (sqrt(5) - 1) / 2; multiples of it, modulo 1, are spread evenly */
 #define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this fraction of the rays' variance would remain */
 
@@ -17797,6 +17866,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     for (i = 0; i < count; i++) {
         const sbl__bright_view *view = &views[b->leaf_found[list[i].leaf].bucket];
         if (view->crowd <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * view->hits) list[kept++] = list[i];
+        else b->leaf_found[list[i].leaf].bucket = -2;
     }
     return kept;
 }
@@ -17841,15 +17911,16 @@ static int sbl__bright_append(sbl__bounce *b, sbl__bright_list *to, uint32_t ref
         return sbl__bright_append(b, to, cut->sides[0]) && sbl__bright_append(b, to, cut->sides[1]);
     }
     leaf = (int)reference - 1;
-    if (!reference || b->states[leaf].bright == SBL__BRIGHT || sbl__bright_for_long(b, leaf) != leaf) return 1;
+    if (!reference || b->states[leaf].bright == SBL__BRIGHT || b->leaf_found[leaf].bucket == -2 ||
+        sbl__bright_for_long(b, leaf) != leaf) return 1;
     if (!sbl__grow(&b->core->base, &to->list, &to->capacity, to->count + 1, sizeof *to->list)) return 0;
     b->states[leaf].bright = SBL__BRIGHT;
     to->list[to->count++].leaf = leaf;
     return 1;
 }
 
-/* Appends the leaves in the cells of bright leaves and beside these cells to the list, on flat patches. The edge of a
-   spot of light may cross them although none of their few points lies in the spot. Returns 0 if memory is exhausted. */
+/* Appends the leaves in the cells of bright leaves and beside these cells to the list. The edge of a spot of light may
+   cross them although none of their few points lies in the spot. Returns 0 if memory is exhausted. */
 static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
     const int chosen = to->count;
     int i, k;
@@ -17857,7 +17928,6 @@ static int sbl__bright_widen(sbl__bounce *b, sbl__bright_list *to) {
     for (i = 0; i < chosen; i++) {
         sbl__bright_cell cell;
         sbl__cell_of_leaf(b, to->list[i].leaf, &cell);
-        if (!(cell.patch & SBL__PATCH_FLAT)) continue;
         for (k = 0; k < 54; k++) {  /* 27 cells around this one, without and with SBL__PATCH_SHORT */
             const uint32_t at[3] = { cell.at[0] + (uint32_t)(k % 3) - 1u, cell.at[1] + (uint32_t)(k / 3 % 3) - 1u,
                                      cell.at[2] + (uint32_t)(k / 9 % 3) - 1u };
@@ -17985,17 +18055,14 @@ static void sbl__bright_add_site(sbl__bounce *b, const sbl__glow *glow, double u
     sbl__solution_add_site(b, position, triangle << 1 | (uint32_t)back, number)->suspect = 1;
 }
 
-/* Adds the sites of a bright leaf on a flat patch: positions that are spread evenly over its glows. On other patches,
-   such as the inside of a lamp's bowl, some parts of a leaf are seen by more rays than others, and the mean over the
-   points, which rays have found, is the better one. */
+/* Adds the sites of a bright leaf: positions that are spread evenly over its glows. */
 static sbl_result sbl__bright_sites(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__lamps *l = &b->core->scene.bright;
     const double start = sbl__hash((uint32_t)at) / 4294967296.0, turn = sbl__hash((uint32_t)at + 1u) / 4294967296.0;
     double area = 0, before = 0, normal[3];
     int i, number = 0;
-    if (b->states[at].bright != SBL__BRIGHT ||
-        !(sbl__hit_patch(b->store, &b->points[b->states[at].first].at) & SBL__PATCH_FLAT)) return SBL_SUCCESS;
+    if (b->states[at].bright != SBL__BRIGHT) return SBL_SUCCESS;
     for (i = 0; i < l->glow_count; i++)
         if (l->glows[i].leaf == (uint32_t)at) area += sbl__glow_area(&l->glows[i], normal);
     for (i = 0; i < l->glow_count; i++) {
@@ -18011,30 +18078,74 @@ static sbl_result sbl__bright_sites(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Makes ray number % SBL__BRIGHT_RAYS of site number / SBL__BRIGHT_RAYS. The rays of a site have directions in
+   different parts of the hemisphere, and the rays of consecutive sites have different directions. */
+static void sbl__bright_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int apart = SBL__BOUNCE_RAYS / SBL__BRIGHT_RAYS, pairs = SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS;
+    const sbl__site *site = &b->sites[number / SBL__BRIGHT_RAYS];
+    const int of_leaf = (int)(site->number % SBL__BRIGHT_SITES), ray = number % SBL__BRIGHT_RAYS;
+    const int pair = of_leaf / apart * SBL__BOUNCE_RAYS + ray * apart + of_leaf % apart;
+    const uint32_t seed = sbl__hash(site->number - (uint32_t)(of_leaf % (pairs / SBL__BRIGHT_RAYS)));
+    sbl__cells_cosine_ray(site->position, site->normal, site->offset, b->sequence + 2 * (pair % pairs), seed, out);
+}
+
+static sbl_result sbl__bright_cast(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    return sbl__cast_rays(b, sbl__bright_ray, b->site_count * SBL__BRIGHT_RAYS, &b->receivers, slice);
+}
+
+/* Computes the weight of a site's light in the mean light of its leaf, for each channel: the albedo that its rays find.
+   The mean then has the same effect on other surfaces as the light itself. In a lamp's bowl, for example, the brightest
+   part of a leaf may be under the lamp, which is black and hides this part from all other surfaces. */
+static void sbl__bright_weight(const sbl__bounce *b, int site, double out[3]) {
+    const sbl__hit *hits = &b->receivers.list[(size_t)site * SBL__BRIGHT_RAYS];
+    int i, k;
+    for (k = 0; k < 3; k++) out[k] = 1.0 / SBL__ALBEDO_ONE;  /* the sum of weights must not be 0 */
+    for (i = 0; i < SBL__BRIGHT_RAYS; i++)
+        for (k = 0; k < 3 && hits[i].side != SBL__NOWHERE; k++) out[k] += hits[i].albedo[k] / (double)SBL__ALBEDO_ONE;
+}
+
+/* Computes the mean light of lamps at the sites of a bright leaf. layers: receives the same for each light group.
+   first, end: index of the leaf's first site, and the index after its last site. Returns 0 if no site is valid. */
+static int sbl__bright_mean(const sbl__bounce *b, int first, int end, float mean[3], float *layers) {
+    const int floats = 3 * b->core->scene.light_groups;
+    double sum[3] = { 0, 0, 0 }, weight[3];
+    int i, k;
+    for (i = first; i < end; i++) {
+        sbl__bright_weight(b, i, weight);
+        for (k = 0; k < 3 && b->readings[i].valid; k++) sum[k] += weight[k];
+    }
+    if (!(sum[0] > 0)) return 0;
+    for (k = 0; k < 3; k++) mean[k] = 0;
+    for (k = 0; k < floats; k++) layers[k] = 0;
+    for (i = first; i < end; i++) {
+        if (!b->readings[i].valid) continue;
+        sbl__bright_weight(b, i, weight);
+        for (k = 0; k < 3; k++) mean[k] += (float)(weight[k] / sum[k]) * b->readings[i].radiance[k];
+        for (k = 0; k < floats; k++)
+            layers[k] += (float)(weight[k % 3] / sum[k % 3]) * b->found_layers[(size_t)floats * (size_t)i + (size_t)k];
+    }
+    return 1;
+}
+
 /* Gives all points of a bright leaf the mean light of lamps that was measured at its sites, and corrects the light of
    the leaf. The leaf becomes ordinary if it is too dark for a bright leaf: dark glows near a sensor would only add
    noise. first: index of the leaf's first site. Returns the index after its last site. Changes nothing if no site is
    valid. */
 static int sbl__bright_take(sbl__bounce *b, int first) {
-    const int floats = 3 * b->core->scene.light_groups;
+    const size_t layers_size = 3 * sizeof(float) * (size_t)b->core->scene.light_groups;
     const uint32_t leaf = b->sites[first].number / SBL__BRIGHT_SITES;
     sbl__bounce_leaf *state = &b->states[leaf];
-    float *light = b->store->leaves[leaf].light, radiance[3], mean[3] = { 0, 0, 0 };
-    int i, k, p, end = first, valid = 0;
-    for (; end < b->site_count && b->sites[end].number / SBL__BRIGHT_SITES == leaf; end++)
-        valid += b->readings[end].valid;
-    if (!valid) return end;
-    for (i = first; i < end; i++)
-        for (k = 0; k < 3 && b->readings[i].valid; k++) mean[k] += b->readings[i].radiance[k] / (float)valid;
+    float *layers = layers_size ? sbl__point_layers(b, state->first, 0) : NULL;
+    float *light = b->store->leaves[leaf].light, radiance[3], mean[3];
+    int k, p, end = first;
+    while (end < b->site_count && b->sites[end].number / SBL__BRIGHT_SITES == leaf) end++;
+    if (!sbl__bright_mean(b, first, end, mean, layers)) return end;
     for (p = state->first; p < state->first + state->points; p++) {
-        float *point = b->points[p].light, *layers = floats ? sbl__point_layers(b, p, 0) : NULL;
+        float *point = b->points[p].light;
         for (k = 0; k < 3 && b->points[p].valid; k++) light[k] += (mean[k] - point[k]) / (float)state->valid;
         memcpy(point, mean, sizeof mean);
-        for (k = 0; k < floats; k++) {
-            layers[k] = 0;
-            for (i = first; i < end; i++)
-                if (b->readings[i].valid) layers[k] += b->found_layers[floats * i + k] / (float)valid;
-        }
+        if (layers && p > state->first) memcpy(sbl__point_layers(b, p, 0), layers, layers_size);
     }
     for (k = 0; k < 3; k++) light[k] = SBL__MAX(light[k], 0.0f);
     sbl__reflect(sbl__triangle_object(b->geometry, b->points[state->first].at.side >> 1), light, radiance);
@@ -18053,7 +18164,11 @@ static int sbl__bright_after_light(void *work) {
 
 static int sbl__bright_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    if (!b->site_count) return sbl__bright_after_light(b);
+    return b->site_count ? SBL__BOUNCE_SPREAD_CAST : sbl__bright_after_light(b);
+}
+
+static int sbl__bright_after_cast(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     sbl__solution_measure(b, SBL_MODE_DIRECT, b->site_count);
     return SBL__BOUNCE_SPREAD_LIGHT;
 }
@@ -18272,8 +18387,8 @@ static int sbl__bounce_after_air(void *work) {
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->positions.buckets, p->ends.buckets, p->welded, p->corners, p->parents, p->patches,
-                             b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->direct_layers };
+                             b->samples.list, b->waiting.list, b->released.list, b->contacts.list,
+                             b->receivers.list, b->sequence, b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
     sbl__solution_free_leaves(d->base, b);

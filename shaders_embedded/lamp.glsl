@@ -31,7 +31,7 @@ struct sbl_Lamp {
     vec2 facing;               // (0, 1) if the sensor sees the back of the lamp's triangle; otherwise (1, 0)
     bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
     int layer;                 // index of the lamp's light group; glow: index of its record, see
-                               // sbl_lamp_layer_fraction
+                               // sbl_layer_fraction
 };
 
 bool sbl_is_light(sbl_Lamp l) {
@@ -109,10 +109,10 @@ sbl_Lamp sbl_lamp(int leaf) {
 #ifdef SBL_GROUPS
 uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin; one texel per layer
 
-// Returns the fraction of a lamp's light that belongs to a layer.
-vec3 sbl_lamp_layer_fraction(sbl_Lamp l, int layer) {
-    if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);
-    return vec3(l.layer == layer ? 1.0 : 0.0);
+// Returns the fraction of a lamp's light that belongs to a layer. glow, lamp_layer: fields of sbl_Lamp
+vec3 sbl_layer_fraction(bool glow, int lamp_layer, int layer) {
+    if (glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + lamp_layer * SBL_GROUPS + layer).xyz);
+    return vec3(lamp_layer == layer ? 1.0 : 0.0);
 }
 #endif
 

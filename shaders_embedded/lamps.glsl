@@ -146,7 +146,7 @@ vec3 whole_layers[2 * SBL_GROUPS];  // by facing, like `whole`: the layers for f
 // Adds the light of a lamp to sums ordered like whole_layers.
 void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) {
-        vec3 group_light = light * sbl_lamp_layer_fraction(l, g);
+        vec3 group_light = light * sbl_layer_fraction(l.glow, l.layer, g);
         sums[g] += l.facing.x * group_light;
         sums[SBL_GROUPS + g] += l.facing.y * group_light;
     }

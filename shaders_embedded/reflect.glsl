@@ -55,7 +55,8 @@ struct sbl_Reflection {
     float away;             // length of the ray to the lamp; 0: no lamp gives light
     int number;             // index of the lamp's triangle in the scene, or -1
     vec3 light;             // light that arrives from the lamp if the ray is unblocked
-    int layer;              // layer of that light, see SBL_GROUPS
+    bool glow;              // true: the lamp is a glow
+    int layer;              // sbl_Lamp.layer of the lamp, see SBL_GROUPS
     vec3 direction;         // direction of the next segment
     vec3 throughput;        // factor by which the next segment changes the throughput of the path
     float density;          // becomes ray_density with the next segment. It is the pdf of the direction divided
@@ -101,6 +102,39 @@ vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl
 }
 #endif
 
+// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of them is
+// taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small MIS weight.
+const int SBL_DIFFUSE_TRIES = 4;
+
+// Picks a lamp and a point on it. Returns the light that a diffuse surface would reflect from the point if nothing
+// blocked it, divided by the chance of the pick and of the point. tries: number of points that are tried; if it is 1,
+// p.chance is the chance of the lamp. random: source of the random numbers
+vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l, out sbl_Sample s) {
+    vec3 light = vec3(0);
+    float all = 0.0, taken = 1.0;
+    for (int k = 0; k < tries; k++) {
+        sbl_Pick tried = sbl_Pick(0, 1.0, sbl_unit_square(random), false);
+        sbl_descend(tried, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.x);
+        sbl_Lamp lamp = sbl_lamp(tried.leaf);
+        sbl_Sample point = sbl_sample(lamp, tried.u);
+        vec3 found = sbl_reflected(material, point.light) * (unit / tried.chance);
+        if (lamp.glow) found *= 1.0 - sbl_glow_mis(point.distance);
+        float weight = found.r + found.g + found.b;
+        if (!(weight > 0.0)) weight = 0.0;  // also replaces NaN, see sbl_reflect
+        all += weight;
+        uint pick = sbl_hash_step(random.y, 4u);
+        random = uvec2(sbl_hash_step(pick, 5u), sbl_hash_step(pick, 6u));
+        if (k == 0 || sbl_unit_square(uvec2(pick)).x * all < weight) {
+            p = tried;
+            l = lamp;
+            s = point;
+            light = found;
+            taken = weight;
+        }
+    }
+    return tries == 1 ? light : light * (all / (float(tries) * max(taken, 1e-30)));
+}
+
 // Samples the two rays that start at a hit: the ray to a lamp and the next segment. Called for hits of short rays
 // (see SBL_SEGMENTS) and if hit_continues is true. direction: direction of the ray that arrives at the hit. hash:
 // source of the random numbers
@@ -116,7 +150,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     ray_origin = position + above * sensor_normal;
-    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), 0, bounce.direction,
+    sbl_Reflection r = sbl_Reflection(ray_origin, sensor_normal, 0.0, -1, vec3(0), false, 0, bounce.direction,
                                       bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
     sbl_Lobe hit_lobe;
@@ -139,13 +173,17 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     }
 #endif
     if (lamp_leaves == 0) return r;
-    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);
-    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);
-    sbl_Lamp l = sbl_lamp(p.leaf);
-    sbl_Sample s = sbl_sample(l, p.u);
+    int tries = bright_cells > 0 ? SBL_DIFFUSE_TRIES : 1;
+#ifdef SBL_SPECULAR
+    tries = hit_continues ? 1 : tries;
+#endif
+    sbl_Pick p;
+    sbl_Lamp l;
+    sbl_Sample s;
+    r.light = sbl_pick_lamp(material, tries, random.zw, p, l, s);
     r.number = l.number;
+    r.glow = l.glow;
     r.layer = l.layer;
-    r.light = sbl_reflected(material, s.light) * (unit / p.chance);
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_continues ? 1 : 0); once++) {
         float pick = sbl_unit_square(uvec2(sbl_hash_step(random.w, 4u))).x;

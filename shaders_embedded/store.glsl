@@ -15,6 +15,16 @@ uint sbl_hash_step(uint hash, uint x) {
 // Returns true if rays of this length read the cells for short rays.
 bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT_PART) < 1.0; }
 
+const float SBL_GLOW_REACH = 6.0;  // lengths of a cell of level 0 at which sbl_glow_mis is 1/2
+
+// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A ray to
+// a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about as large as
+// cells, but a single ray to one of many close glows would be noisy.
+float sbl_glow_mis(float distance) {
+    float x = distance * per_cell / SBL_GLOW_REACH;
+    return 1.0 / (1.0 + x * x);
+}
+
 // Returns 1 + the index of the leaf at a position on triangle `number` of the scene, or 0 if no leaf is there.
 // back: the ray sees the back of the triangle. distance: length of the ray that sees the position
 int sbl_leaf_at(int number, bool back, vec3 position, float distance) {

@@ -47,6 +47,11 @@ void sbl_add_layer(int layer, vec3 light) {
     for (int g = 0; g < SBL_GROUPS; g++) layers[g] += g == layer ? light : vec3(0);
 }
 
+// Adds the light of a lamp. glow, layer: fields of sbl_Lamp
+void sbl_add_lamp(bool glow, int layer, vec3 light) {
+    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += sbl_layer_fraction(glow, layer, g) * light;
+}
+
 #ifdef SBL_BOUNCED
 // Adds `factor` times the layers of a leaf. leaf: result of sbl_leaf_at
 void sbl_add_stored(int leaf, vec3 factor) {
@@ -56,6 +61,7 @@ void sbl_add_stored(int leaf, vec3 factor) {
 #else
 const int sky_layer = 0;
 #define sbl_add_layer(layer, light)
+#define sbl_add_lamp(glow, layer, light)
 #define sbl_add_stored(leaf, factor)
 #endif
 
@@ -63,8 +69,8 @@ const int sky_layer = 0;
 // radiance to `layers`. first, last: true for the first and the last segment of a ray. continues: receives true if
 // the hit is near or hit_continues is true, otherwise false. If true, the result does not contain reflected light,
 // which further rays find; but if hit_continues is true, it contains the stored light that the diffuse component
-// reflects. material: set only with SBL_BOUNCED. In the first segment, the result does not contain the light of
-// glows, which lamps.glsl measures for the sensor.
+// reflects. material: set only with SBL_BOUNCED. The result contains only the fraction glow_mis of the light of
+// glows, because rays to lamps find it: those of lamps.glsl and, where a ray continues, that of sbl_continue_ray.
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool continues,
                   out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
@@ -97,8 +103,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool co
         if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
-        if (first) light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
-        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,
+        light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
+        sbl_add_stored(bright_cells > 0 ? leaf : 0,
                        (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));
         radiance += sbl_reflected(material, light);
     }
@@ -116,8 +122,8 @@ float sbl_stratum_reciprocal(float u) {
 #ifdef SBL_BOUNCED
 // Maximum number of segments of a ray. At hits of short rays (see sbl_is_short and SBL_FIRST_SCALE), the mean
 // light of the cell may differ much from the light at the hit. Therefore the store is not read there, except to
-// subtract the light of glows: instead, a ray to a lamp finds the light of lamps, and the next segment finds
-// the bounced light. The last segment reads the store at any distance.
+// subtract the light of glows: instead, a ray to a lamp or glow finds the light of lamps and glows, and the next
+// segment finds the rest of the bounced light. The last segment reads the store at any distance.
 const int SBL_SEGMENTS = 3;
 #else
 const int SBL_SEGMENTS = 1;
@@ -172,7 +178,6 @@ bool sbl_begin(int look, float ray_weight) {
     for (int once = 0; once < (hemisphere > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, throughput);
     throughput *= hemisphere > 0.0 ? ray_weight * lobe_scale : vec3(1);
     ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
-    glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
 #endif
     first_direction = direction;
     limit = ray_length;
@@ -203,6 +208,12 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     lamp_mis = 0.0;
     if (ray_density > 0.0) lamp_mis = sbl_lobe_mis(ray_density, sbl_hit_density(hit, direction));
 #endif
+#ifdef SBL_BOUNCED
+    glow_mis = segment == 0 ? 0.0 : sbl_glow_mis(hit.distance);
+#ifdef SBL_SPECULAR
+    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
+#endif
+#endif
     vec3 position = from + direction * hit.distance;
 #ifdef SBL_GROUPS
     carried = throughput;
@@ -227,7 +238,7 @@ uint sbl_ray_hash(uvec2 scramble, int number) {
     return sbl_hash_step(sbl_hash_step(scramble.x, uint(number)), scramble.y);
 }
 
-// Traces a shadow ray from a hit to a lamp, adds the light of the lamp to `sum`, and begins the next segment.
+// Traces a shadow ray from a hit to a lamp or glow, adds its light to `sum`, and begins the next segment.
 // hash: source of the random numbers. Returns false if the next segment would carry no light.
 bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {
     sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
@@ -235,7 +246,7 @@ bool sbl_continue_ray(sbl_Hit hit, sbl_Material material, uint hash) {
     sbl_Hit between = sbl_trace(from, next.to_lamp, next.away, SBL_RAY_SHADOW);
     if (between.triangle < 0 || between.number == next.number) {
         sum.rgb += throughput * sbl_tint * next.light;
-        sbl_add_layer(next.layer, throughput * sbl_tint * next.light);
+        sbl_add_lamp(next.glow, next.layer, throughput * sbl_tint * next.light);
     }
     throughput *= next.throughput;
     direction = next.direction;

@@ -253,8 +253,9 @@ TEST(groups_of_textured_walls) {
         CHECK(fabs((double)R[3 * i] - 1) < 0.1 || i % 2, "R of site %d is %g", i, (double)R[3 * i]);
 }
 
-/* A small patch above black ground, lit by two spot lights, becomes glows. Their light belongs to the groups of the
-   spot lights, with other shares in the middle of the patch than at its edge. */
+/* A small patch above dark ground, lit by two spot lights, becomes glows. Their light belongs to the groups of the spot
+   lights, with other shares in the middle of the patch than at its edge. The same holds for light that sensors close to
+   the ground receive by way of the ground. */
 TEST(groups_of_glows) {
     static float whole[3 * SITES], groups[3 * SITES * 2], alone[3 * SITES];
     double off, mean = 0;
@@ -272,7 +273,7 @@ TEST(groups_of_glows) {
         }
         scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f, 2,
                    0.3f);
-        scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 2);
+        scene_floor(&s, scene_material(&s, 0.2f, 0.2f, 0.2f), 0, 2);
         REQUIRE(set(2, 0) && measure(SBL_MODE_GI, only == NONE ? whole : alone, only == NONE ? groups : NULL, 2) ==
                     SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(inside_glow_count(context) > 0, "there are no glows");

@@ -465,8 +465,8 @@ static const hash llvmpipe_15[CASES] = {
     0x951aec1e421300beu,  /* probes */
     0x5dbdebac21f45cefu,  /* store */
     0x3ac5d888280f51acu,  /* stored_picture */
-    0x2991fd17731fe9e2u,  /* glow_picture */
-    0xe0a8eba7b6ea940du  /* stored_lightmap */
+    0xb98df66e54de4ea2u,  /* glow_picture */
+    0xcaae2177ff957620u  /* stored_lightmap */
 };
 static const pin_set sets[] = { { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", llvmpipe_15 } };
 

@@ -1035,7 +1035,7 @@ TEST(further_points_do_not_count_more) {
    the place of leaf 1, and leaf 4 in that of leaf 2. */
 TEST(places_that_fill_the_view_stay_ordinary) {
     enum { POINTS = 40, SEEING = 20, LEAVES = 6, DARK = 5 };
-    static const float places[LEAVES] = { 1.5f, 11.5f, 21.5f, 11.5f, 21.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
+    static const float places[LEAVES] = { 1.5f, 11.5f, 12.5f, 11.5f, 12.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
     static const int expected[LEAVES] = { 0, SBL__BRIGHT, 0, SBL__BRIGHT_LONG, 0, 0 };
     static sbl__bounce b;
     static sbl__core core;
@@ -1097,6 +1097,91 @@ TEST(places_that_fill_the_view_stay_ordinary) {
           core.scene.bright.glow_count);
     for (i = 0; i < LEAVES; i++) CHECK(sbl__leaf_is_bright(leaves[i].light) == (i == 1), "leaf %d is not marked", i);
     sbl__free(&core.base, store.bright);
+}
+
+/* In the mean over a bright leaf, a site counts by the albedo of the surfaces that its rays hit. Black surfaces and the
+   sky reflect nothing. Sites without a valid reading do not count. */
+TEST(sites_count_by_what_reflects_their_light) {
+    enum { SITES = 4, GROUPS = 2 };
+    static const float R[SITES] = { 10, 2, 5, 1000 }, albedos[SITES] = { 0, 0.8f, 0.4f, 0.8f };
+    static sbl__bounce b;
+    static sbl__core core;
+    sbl_reading readings[SITES];
+    sbl__hit hits[SITES * SBL__BRIGHT_RAYS];
+    float found_layers[SITES * GROUPS * 3], mean[3], layers[GROUPS * 3];
+    int i, k;
+    memset(readings, 0, sizeof readings);
+    memset(hits, 0, sizeof hits);
+    core.scene.light_groups = GROUPS;
+    b.core = &core;
+    b.readings = readings;
+    b.receivers.list = hits;
+    b.found_layers = found_layers;
+    for (i = 0; i < SITES; i++) {
+        const float albedo[3] = { albedos[i], 0.5f * albedos[i], 0.5f };
+        readings[i].valid = i != 3;
+        for (k = 0; k < 3; k++) {
+            readings[i].radiance[k] = R[i];
+            found_layers[6 * i + k] = i == 1 ? R[i] : 0;
+            found_layers[6 * i + 3 + k] = i == 1 ? 0 : R[i];
+        }
+        for (k = 0; k < SBL__BRIGHT_RAYS; k++) {
+            hits[i * SBL__BRIGHT_RAYS + k].side = i == 1 && k >= SBL__BRIGHT_RAYS / 2 ? SBL__NOWHERE : 0;
+            sbl__albedo_pack(albedo, hits[i * SBL__BRIGHT_RAYS + k].albedo);
+        }
+    }
+    CHECK(sbl__bright_mean(&b, 0, SITES, mean, layers), "no site is valid");
+    printf("  mean %g %g %g\n", (double)mean[0], (double)mean[1], (double)mean[2]);
+    for (k = 0; k < 2; k++) CHECK(fabs((double)mean[k] - 3.5) < 1e-3, "mean %d is %g", k, (double)mean[k]);
+    CHECK(fabs((double)mean[2] - (4 * 10 + 2 * 2 + 4 * 5) / 10.0) < 1e-3, "mean 2 is %g", (double)mean[2]);
+    CHECK(fabs((double)layers[0] - 1) < 1e-3 && fabs((double)layers[3] - 2.5) < 1e-3, "groups %g and %g",
+          (double)layers[0], (double)layers[3]);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs((double)(layers[k] + layers[3 + k]) / (double)mean[k] - 1) < 1e-5, "groups add up to %g",
+              (double)(layers[k] + layers[3 + k]));
+    CHECK(!sbl__bright_mean(&b, 3, SITES, mean, layers), "an invalid site counts");
+}
+
+/* The rays of a site of a bright leaf leave it into all four quadrants, those of 16 consecutive sites into 64 different
+   parts of the hemisphere, and those of other sites into other directions. */
+TEST(rays_of_sites_cover_the_hemisphere) {
+    enum { CELLS = 8, SET = 16 };
+    static sbl__bounce b;
+    static sbl__site sites[SBL__BRIGHT_SITES];
+    int i, k, repeated = 0;
+    uint32_t firsts[SBL__BRIGHT_SITES];
+    b.sites = sites;
+    b.sequence = sbl__sequence_make(&base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    REQUIRE(b.sequence, "no memory");
+    for (i = 0; i < SBL__BRIGHT_SITES; i++) {
+        sites[i].number = (uint32_t)(7 * SBL__BRIGHT_SITES + i);
+        sites[i].position[0] = (float)i;
+        sites[i].normal[1] = 1;
+        sites[i].offset = 0.5f;
+    }
+    for (i = 0; i < SBL__BRIGHT_SITES; i += SET) {
+        int hit[CELLS * CELLS] = { 0 };
+        for (k = 0; k < SET * SBL__BRIGHT_RAYS; k++) {
+            const int site = i + k / SBL__BRIGHT_RAYS, quadrant = k % SBL__BRIGHT_RAYS;
+            static int quadrants;
+            sbl__cast ray;
+            int x, y;
+            sbl__bright_ray(&b, SBL__BRIGHT_RAYS * i + k, &ray);
+            x = (int)((ray.fractions & 0xffffu) * CELLS >> 16);
+            y = (int)((ray.fractions >> 16) * CELLS >> 16);
+            hit[CELLS * y + x]++;
+            quadrants = (quadrant ? quadrants : 0) | 1 << (2 * (2 * y / CELLS) + 2 * x / CELLS);
+            if (!quadrant) firsts[site] = ray.fractions;
+            CHECK(quadrant < 3 || quadrants == 15, "site %d: quadrants %d", site, quadrants);
+            CHECK(fabs((double)ray.origin[0] - site) < 1e-6 && fabs((double)ray.origin[1] - 0.5) < 1e-6 &&
+                  ray.direction[1] > 0 && ray.limit < 0, "ray %d of site %d starts elsewhere", quadrant, site);
+        }
+        for (k = 0; k < CELLS * CELLS; k++) CHECK(hit[k] == 1, "%d rays in cell %d", hit[k], k);
+    }
+    for (i = 0; i < SBL__BRIGHT_SITES; i++)
+        for (k = 0; k < i; k++) repeated += firsts[i] == firsts[k];
+    CHECK(!repeated, "%d directions repeat", repeated);
+    sbl__free(&base, b.sequence);
 }
 
 /* The tests have freed all memory. */
@@ -2046,7 +2131,7 @@ TEST(flat_boxes_are_thick_enough) {
     building.children = children;
     h.building = &building;
     grid = sbl__bvh_add_grid(&h, &box, 3);
-    CHECK(grid.root == 1 && grid.around == 3 && h.node_count == 1, "root %u, around %u", grid.root, grid.around);
+    CHECK(grid.root == 1 && grid.outer == 3 && h.node_count == 1, "root %u, outer %u", grid.root, grid.outer);
     for (k = 0; k < 3; k++) {
         const double size = 65533 / (double)grid.per_length[k];
         CHECK(fabs(size / expected[k] - 1) < 1e-3, "axis %d: the box has the size %g", k, size);
@@ -3382,6 +3467,8 @@ int main(void) {
     RUN(settled_hits_are_skipped);
     RUN(further_points_do_not_count_more);
     RUN(places_that_fill_the_view_stay_ordinary);
+    RUN(sites_count_by_what_reflects_their_light);
+    RUN(rays_of_sites_cover_the_hemisphere);
     RUN(no_memory_is_left);
     RUN(groups_of_a_texel_add_up);
     RUN(places_that_differ_are_noisy);
