@@ -1871,11 +1871,12 @@ SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *m
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
-   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
-   max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
-   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs one of two items. SBL_LOG_ITEM_OTHER_STORE means that the
-   data are stored light, but of another scene (the message names the parts that differ), version or byte order, or are
-   too large for the driver's tables. SBL_LOG_ITEM_INVALID_STORE means that the data are damaged, or are not stored
+   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Only
+   normal_texture and normal_scale of its materials may differ, because they do not change stored light. Camera,
+   max_bounce_cells, preset and seed may differ, too; light that was made with a smaller max_bounce_cells is loaded with
+   a warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs one of two items. SBL_LOG_ITEM_OTHER_STORE means that
+   the data are stored light, but of another scene (the message names the parts that differ), version or byte order, or
+   are too large for the driver's tables. SBL_LOG_ITEM_INVALID_STORE means that the data are damaged, or are not stored
    light; a host can thus avoid overwriting a file that it did not write. The format has a version and a checksum.
    Loading drops work under way, even if it fails. After a failed load the scene keeps the stored light that it had.
    put, get: called for some bytes at a time; they return the number of bytes written or read; a number other than
@@ -8437,9 +8438,9 @@ static const char *const sbl__glsl_store[] = {
 "\n",
 "const float SBL_GLOW_REACH = 6.0;  // lengths of a cell of level 0 at which sbl_glow_mis is 1/2\n",
 "\n",
-"// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A ray to\n",
-"// a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about as large as\n",
-"// cells, but a single ray to one of many close glows would be noisy.\n",
+"// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A\n",
+"// ray to a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about\n",
+"// as large as cells, but a single ray to one of many close glows would be noisy.\n",
 "float sbl_glow_mis(float distance) {\n",
 "    float x = distance * per_cell / SBL_GLOW_REACH;\n",
 "    return 1.0 / (1.0 + x * x);\n",
@@ -14100,14 +14101,17 @@ static const char *const sbl__glsl_reflect[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of them is\n",
-"// taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small MIS weight.\n",
+"// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of\n",
+"// them is taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small\n",
+"// MIS weight.\n",
 "const int SBL_DIFFUSE_TRIES = 4;\n",
 "\n",
 "// Picks a lamp and a point on it. Returns the light that a diffuse surface would reflect from the point if nothing\n",
-"// blocked it, divided by the chance of the pick and of the point. tries: number of points that are tried; if it is 1,\n",
-"// p.chance is the chance of the lamp. random: source of the random numbers\n",
-"vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l, out sbl_Sample s) {\n",
+"// blocked it, divided by the chance of the pick. tries: number of points that are tried. p, l, s: receive the\n",
+"// pick, the lamp and the point; if tries is 1, p.chance is the chance of the lamp. random: source of the random\n",
+"// numbers\n",
+"vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l,\n",
+"                   out sbl_Sample s) {\n",
 "    vec3 light = vec3(0);\n",
 "    float all = 0.0, taken = 1.0;\n",
 "    for (int k = 0; k < tries; k++) {\n",
@@ -15682,8 +15686,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
        >>solution          RELOCATE -> SORT -> LINK -> SITES -> LIGHT -> DIRECT -> { GATHER }
        >>division          MOMENTS -> REGIONS -> SCORE -> DIVIDE -> RELOCATE -> SORT -> ASSIGN; again from RELOCATE on
        >>solution          with light groups: LAYERS -> { LAYERS_GATHER }
-       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_LIGHT -> GLOW -> SITES ->
-                           LIGHT (>>solution) -> CORRECT -> GLOW, then again from SITES on
+       >>bright            SUM_FOUND -> CHOOSE -> GLOW; if there are glows: SPREAD -> SPREAD_CAST -> SPREAD_LIGHT ->
+                           GLOW -> SITES -> LIGHT (>>solution) -> CORRECT -> GLOW, then again from SITES on
        >>uncertainty       NOISE -> { PROPAGATE } -> UNCERTAINTY; with light groups: LAYERS_SCALE (>>solution)
        >>storing           LAMPS -> SEND -> AIR */
 
@@ -19826,8 +19830,8 @@ static sbl_result sbl__tiles_list(void *work, sbl__slice *slice) {
    is below SBL__HIDDEN_DARK * the mean of sensors that are not dark, because a little light leaks through joints into
    solids. A sensor sees nothing but back faces if their fraction of its hemisphere exceeds SBL__HIDDEN_ALL. A sensor is
    behind a surface, for example under the floor that a chair's foot pierces, if back faces are more than
-   SBL__HIDDEN_BACK of the surfaces that it sees, these cover more than SBL__HIDDEN_COVER of its hemisphere, and the
-   nearest is closer than distance_limit. */
+   SBL__HIDDEN_BACK of the surfaces that it sees, all surfaces together cover more than SBL__HIDDEN_COVER of its
+   hemisphere, and the nearest is closer than distance_limit. */
 #define SBL__HIDDEN_FRACTION 0.9f
 #define SBL__HIDDEN_CLOSE 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f

@@ -102,14 +102,17 @@ vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl
 }
 #endif
 
-// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of them is
-// taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small MIS weight.
+// In scenes with glows, this many points of lamps are tried where a diffuse surface reflects a ray, and one of
+// them is taken as in sbl_take_point. With a single point, rays would often go to glows whose light has a small
+// MIS weight.
 const int SBL_DIFFUSE_TRIES = 4;
 
 // Picks a lamp and a point on it. Returns the light that a diffuse surface would reflect from the point if nothing
-// blocked it, divided by the chance of the pick and of the point. tries: number of points that are tried; if it is 1,
-// p.chance is the chance of the lamp. random: source of the random numbers
-vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l, out sbl_Sample s) {
+// blocked it, divided by the chance of the pick. tries: number of points that are tried. p, l, s: receive the
+// pick, the lamp and the point; if tries is 1, p.chance is the chance of the lamp. random: source of the random
+// numbers
+vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l,
+                   out sbl_Sample s) {
     vec3 light = vec3(0);
     float all = 0.0, taken = 1.0;
     for (int k = 0; k < tries; k++) {

@@ -17,9 +17,9 @@ bool sbl_is_short(float distance) { return distance * per_cell * float(SBL_SHORT
 
 const float SBL_GLOW_REACH = 6.0;  // lengths of a cell of level 0 at which sbl_glow_mis is 1/2
 
-// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A ray to
-// a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about as large as
-// cells, but a single ray to one of many close glows would be noisy.
+// Returns the MIS weight, for the light of a glow, of a segment of this length that leaves a diffuse surface. A
+// ray to a glow has the rest (see sbl_reflect). Segments often hit glows that are close, because glows are about
+// as large as cells, but a single ray to one of many close glows would be noisy.
 float sbl_glow_mis(float distance) {
     float x = distance * per_cell / SBL_GLOW_REACH;
     return 1.0 / (1.0 + x * x);
