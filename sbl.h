@@ -15842,12 +15842,13 @@ typedef struct sbl__bounce {
                                         fixed */
     sbl__hits hits;                  /* first the hits of samples' rays, SBL__BOUNCE_SAMPLE_RAYS per sample, then those
                                         of points' rays, SBL__BOUNCE_RAYS per point */
+    uint32_t *sequence;              /* pairs of 32-bit fractions that give the directions of rays, see
+                                        sbl__sequence_make */
 
     /* `patching` and all fields below it are freed and set to 0 when the store is ready. */
 
     /* jobs: rays and readings, see >>cast */
     sbl__patching patching;
-    uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
     /* a cache: side of the last ray from a surface, and the results of sbl__side_offset for this side */
     struct { uint32_t side; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, positions in the air */
@@ -18392,7 +18393,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->positions.buckets, p->ends.buckets, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list,
-                             b->receivers.list, b->sequence, b->direct_layers };
+                             b->receivers.list, b->direct_layers };
     int i;
     sbl__division_free(d->base, b);
     sbl__solution_free_leaves(d->base, b);
@@ -18404,7 +18405,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Frees all data of the filling of the store: temporary data, and the points and hits that a ready store keeps. */
+/* Frees all data of the filling of the store: temporary data, and what a ready store keeps, such as points and hits. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -18413,6 +18414,7 @@ static void sbl__bounce_end(sbl__core *c) {
     sbl__free(&c->base, b->layers);
     sbl__free(&c->base, b->states);
     sbl__free(&c->base, b->hits.list);
+    sbl__free(&c->base, b->sequence);
     sbl__free(&c->base, b);
     c->bounce = NULL;
 }

@@ -1772,6 +1772,30 @@ TEST(near_hits_find_glows) {
     scene_free(&s);
 }
 
+/* If the light of the spot that lights the glows is halved, R is halved, too. The store keeps its cells and hits, and
+   only computes their light again. */
+TEST(glows_follow_new_lights) {
+    test_scene s = { 0 };
+    double before = 0, after = 0;
+    int i, k;
+    patch_above_ground(&s, 0.3f);
+    if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
+        const double rays = (double)sbl_query_stats(context).store.rays;
+        for (i = 0; i < site_count; i++) before += (double)readings[i].radiance[1];
+        for (k = 0; k < 3; k++) s.lights[0].intensity[k] *= 0.5f;
+        CHECK(sbl_set_lights(context, s.lights, s.light_count) == SBL_SUCCESS &&
+              gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256), "%s", watch_last(&seen));
+        for (i = 0; i < site_count; i++) after += (double)readings[i].radiance[1];
+        printf("  R %g, then %g; %d glows; %.0f rays, then %.0f\n", before / site_count, after / site_count,
+               inside_glow_count(context), rays, (double)sbl_query_stats(context).store.rays);
+        CHECK(before > 0 && fabs(2 * after / before - 1) < 0.02, "R is %g, then %g", before / site_count,
+              after / site_count);
+        CHECK(inside_glow_count(context) > 0, "there are no glows");
+        CHECK((double)sbl_query_stats(context).store.rays < 0.5 * rays, "the hits are not kept");
+    }
+    scene_free(&s);
+}
+
 /* Returns R on the floor y = 0 from the patch of bright_leaves_are_right_on_average, at the height `up`. */
 static double floor_below_patch(double half, double up, double x, double z) {
     enum { STEPS = 12 };
@@ -2072,6 +2096,7 @@ int main(void) {
     RUN(a_small_bright_place);
     RUN(glows_show_their_texture);
     RUN(near_hits_find_glows);
+    RUN(glows_follow_new_lights);
     RUN_UNSANITIZED(bright_leaves_are_right_on_average);
     RUN_UNSANITIZED(glows_have_the_power_of_a_spot);
     RUN_UNSANITIZED(glows_beside_a_hidden_lamp);
