@@ -6123,7 +6123,7 @@ static const char *const sbl__glsl_material[] = {
 "    return m.albedo;\n",
 "}\n",
 "\n",
-"// Returns the radiance that a surface reflects, without the part that lamps.glsl measures. glow: R from the glow\n",
+"// Returns the radiance that a surface reflects, without the part that rays to glows measure. glow: R from the glow\n",
 "vec3 sbl_reflected_beside(sbl_Material m, vec3 light, vec3 glow) {\n",
 "    return m.albedo * light - sbl_glow_albedo(m) * glow;\n",
 "}\n",
@@ -7874,12 +7874,15 @@ static double sbl__mirrored_make(const sbl__lamp_trees *l, const sbl__plane *pla
     return plane->own * (double)n->power / (distant ? 1 : height * height);
 }
 
-/* Mirrors all clusters at all planes, and keeps those that reflect most light. */
+/* Mirrors all clusters at all planes, and keeps those that reflect most light. Lamps that include glows keep the
+   records that sbl__glow_find has copied: glows would make the clusters of other lamps wide. */
 static int sbl__lamp_trees_mirror(void *work) {
     sbl__lamp_trees *l = (sbl__lamp_trees *)work;
     sbl__lamps *lamps = l->lamps;
-    int nodes[SBL__MIRRORED_CLUSTERS], count = sbl__mirrored_clusters(l, nodes), i, j;
+    int nodes[SBL__MIRRORED_CLUSTERS], count, i, j;
     double light[SBL__MIRRORED_MOST];
+    if (lamps->glow_count) return l->stages.stage + 1;
+    count = sbl__mirrored_clusters(l, nodes);
     lamps->mirrored_count = 0;
     for (i = 0; i < l->plane_count * count; i++) {
         sbl__mirrored m;
@@ -8486,9 +8489,9 @@ static const char *const sbl__glsl_store[] = {
 "// Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for long rays at this\n",
-"// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same\n",
-"// parameters; it becomes the bright leaf, or 0\n",
+"// Returns the part of R that rays to glows measure (in lamps.glsl and in sbl_reflect): R of the leaf for long rays\n",
+"// at this position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for\n",
+"// the same parameters; it becomes the bright leaf, or 0\n",
 "vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {\n",
 "    for (int i = 0; i < (bright_cells > 0 && sbl_is_short(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
@@ -9061,8 +9064,8 @@ static const char *const sbl__glsl_surface[] = {
    a room that is lit by a spot of light on its ceiling, nearly all light comes from this small spot, and few of the
    rays over the hemisphere hit it. >>bright chooses the bright leaves of the store. This room clips the scene's
    triangles by the cells of these leaves and by the cuts in them, so that glows cover exactly the surfaces where far
-   rays read bright leaves. A glow emits the leaf's light times the albedo of the surface. Where rays over the
-   hemisphere see a glow, shaders leave this light out (sbl_glowing in store.glsl). */
+   rays read bright leaves. A glow emits the leaf's light times the albedo of the surface. Where other rays
+   hit a glow, shaders leave out the part of its light that rays to glows measure (sbl_glowing in store.glsl). */
 
 #define SBL__GLOWS_MOST 4096       /* maximum number of glows; beyond it, the darkest leaves are no longer bright */
 #define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further corners are dropped */
@@ -9316,6 +9319,8 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
         w->scene = s;
         result = sbl__lamps_make(d->base, &s->bright, s->lamps.lights, s->lamps.light_count, s->brightest,
                                  s->geometry.extent);
+        s->bright.mirrored_count = s->lamps.mirrored_count;
+        memcpy(s->bright.mirrored, s->lamps.mirrored, sizeof s->bright.mirrored);
         s->bright.leaf_layers = s->store.layers;
         s->bright.groups = s->light_groups;
     }
@@ -14316,10 +14321,10 @@ static const char *const sbl__glsl_trace[] = {
 "        if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
 "        sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));\n",
 "#endif\n",
-"        light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
+"        vec3 glow = (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);\n",
 "        sbl_add_stored(bright_cells > 0 ? leaf : 0,\n",
-"                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));\n",
-"        radiance += sbl_reflected(material, light);\n",
+"                       carried * sbl_reflected_beside(material, vec3(0), vec3(1.0 - glow_mis)));\n",
+"        radiance += sbl_reflected_beside(material, light, glow);\n",
 "    }\n",
 "#endif\n",
 "    return radiance;\n",

@@ -170,7 +170,7 @@ vec3 sbl_glow_albedo(sbl_Material m) {
     return m.albedo;
 }
 
-// Returns the radiance that a surface reflects, without the part that lamps.glsl measures. glow: R from the glow
+// Returns the radiance that a surface reflects, without the part that rays to glows measure. glow: R from the glow
 vec3 sbl_reflected_beside(sbl_Material m, vec3 light, vec3 glow) {
     return m.albedo * light - sbl_glow_albedo(m) * glow;
 }

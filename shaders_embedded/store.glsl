@@ -65,9 +65,9 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
 // Returns R of a leaf, or 0 if leaf is 0. leaf: result of sbl_leaf_at
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
-// Returns the part of R that lamps.glsl measures by rays towards glows: R of the leaf for long rays at this
-// position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for the same
-// parameters; it becomes the bright leaf, or 0
+// Returns the part of R that rays to glows measure (in lamps.glsl and in sbl_reflect): R of the leaf for long rays
+// at this position if that leaf is bright, otherwise 0. leaf: the caller sets it to the result of sbl_leaf_at for
+// the same parameters; it becomes the bright leaf, or 0
 vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {
     for (int i = 0; i < (bright_cells > 0 && sbl_is_short(distance) ? 1 : 0); i++)
         leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);

@@ -103,10 +103,10 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool first, bool last, out bool co
         if (hit_continues) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
         sbl_add_stored(leaf, hit_continues ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
-        light -= (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
+        vec3 glow = (1.0 - glow_mis) * sbl_glowing(leaf, hit.number, hit.back, position, hit.distance);
         sbl_add_stored(bright_cells > 0 ? leaf : 0,
-                       (glow_mis - 1.0) * carried * sbl_reflected(material, vec3(1)));
-        radiance += sbl_reflected(material, light);
+                       carried * sbl_reflected_beside(material, vec3(0), vec3(1.0 - glow_mis)));
+        radiance += sbl_reflected_beside(material, light, glow);
     }
 #endif
     return radiance;

@@ -1629,6 +1629,29 @@ TEST(lamps_beside_mirrors) {
     }
 }
 
+/* A spot light lights a small patch above a dark floor, and the patch becomes glows. The mirror beside the floor shows
+   the spot light in the same clusters as it would without glows. */
+TEST(glows_do_not_widen_lamps_in_mirrors) {
+    static sbl_reading readings[16];
+    const sbl_readings_desc desc = floor_readings(readings, 16, 64);
+    test_scene s = { 0 };
+    sbl_light *spot = scene_light(&s, SBL_LIGHT_SPOT, 50, 50, 50);
+    sbl_scene_desc scene;
+    spot->position[1] = spot->direction[1] = 1;
+    spot->cone = 60;
+    scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f, 2,
+               0.3f);
+    scene_quad(&s, scene_material(&s, 0, 0, 0), -2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -2, 0, -2, -2, 2, -2, -2, 2, 2, -2, 0, 2);
+    scene = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+            "no reading: %s", watch_last(&seen));
+    printf("    %d glows, %d clusters in mirrors\n", inside_glow_count(context), inside_mirrored(context));
+    CHECK(inside_glow_count(context) > 0 && inside_mirrored(context) > 0, "%d glows, %d clusters in mirrors",
+          inside_glow_count(context), inside_mirrored(context));
+    scene_free(&s);
+}
+
 /* Readings of light that a mirror reflects from the sun do not depend on the unit of length. */
 TEST(mirrored_suns_have_no_unit) {
     enum { SITES = 64 };
@@ -2664,6 +2687,7 @@ int main(void) {
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
     RUN_UNSANITIZED(lamps_beside_mirrors);
+    RUN(glows_do_not_widen_lamps_in_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
     RUN_UNSANITIZED(rays_to_mirrored_lamps_are_inspected);

@@ -5,6 +5,8 @@
 
 float inside_cell_length(const sbl_context *context);       /* edge length of the smallest cells of the store */
 int inside_glow_count(const sbl_context *context);          /* number of glows; see >>glow in sbl.h */
+int inside_mirrored(const sbl_context *context);            /* number of clusters of lamps in mirrors, see >>lamps; -1:
+                                                               there are glows, and their table has other clusters */
 int inside_most_points(const sbl_context *context);         /* largest number of points in a leaf of the store */
 int inside_near_points(const sbl_context *context);         /* number of points beyond the first four of their leaf that
                                                                were placed by a ray no longer than eight cells */

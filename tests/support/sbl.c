@@ -22,6 +22,12 @@ int inside_near_points(const sbl_context *context) {
     return count;
 }
 int inside_glow_count(const sbl_context *context) { return context->core.scene.bright.glow_count; }
+int inside_mirrored(const sbl_context *context) {
+    const sbl__lamps *lamps = &context->core.scene.lamps, *bright = &context->core.scene.bright;
+    const size_t size = sizeof *lamps->mirrored * (size_t)lamps->mirrored_count;
+    return bright->glow_count && (bright->mirrored_count != lamps->mirrored_count ||
+                                  memcmp(bright->mirrored, lamps->mirrored, size)) ? -1 : lamps->mirrored_count;
+}
 
 float inside_farthest_offset(const sbl_context *context) {
     const sbl__refine *r = &context->picture.map.refine;
