@@ -124,7 +124,8 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 // Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
 // of the triangle; to_point: vector from the viewer to the point
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {
-    // Vectors are divided by `size` before they are multiplied, because the products would underflow.
+    // The vectors are divided by `size` before they are multiplied, because products of short vectors would
+    // underflow.
     float size = max(length(to_point), SBL_DIVISOR_LEAST);
     return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);
 }

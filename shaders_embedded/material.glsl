@@ -124,7 +124,8 @@ vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
     return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
-// Returns sbl_emission_pattern, or 0 if the point lies in a hole: rays towards a lamp may also end in its holes.
+// Returns sbl_emission_pattern, or 0 if the point lies in a hole of the surface. Rays towards a lamp aim at all
+// points of its triangles, including those in holes.
 vec3 sbl_solid_emission_pattern(int object, sbl_Attributes at) {
     vec3 pattern = sbl_emission_pattern(object, at);
     for (int once = 0; once < (sbl_has_holes(object) ? 1 : 0); once++)

@@ -12,7 +12,7 @@ layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
 layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
 uniform sampler2D block_control;  // out_control of trace.glsl, which corrects the harmonics
-uniform bool has_control;      // true: add the correction from block_control
+uniform bool has_control;         // true: the shader adds the correction in block_control
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;

@@ -107,10 +107,10 @@ vec3 sbl_take_point(sbl_Lobe hit_lobe, sbl_Lamp l, vec2 u, float pick, inout sbl
 // MIS weight.
 const int SBL_DIFFUSE_TRIES = 4;
 
-// Picks a lamp and a point on it. Returns the light that a diffuse surface would reflect from the point if nothing
-// blocked it, divided by the chance of the pick. tries: number of points that are tried. p, l, s: receive the
-// pick, the lamp and the point; if tries is 1, p.chance is the chance of the lamp. random: source of the random
-// numbers
+// Picks a lamp and a point on it. Returns an estimate of the light that a diffuse surface would reflect from all
+// lamps if nothing blocked it: the light from this point, divided by the probability of picking it. tries: number
+// of points that are tried. p, l and s receive the pick, the lamp and the point. p.chance is the probability of
+// picking the lamp, and is valid only if tries is 1. random: two random numbers
 vec3 sbl_pick_lamp(sbl_Material material, int tries, uvec2 random, out sbl_Pick p, out sbl_Lamp l,
                    out sbl_Sample s) {
     vec3 light = vec3(0);
