@@ -7766,7 +7766,7 @@ static void sbl__lamps_write_layers(const sbl__lamps *l, float *out) {
 
 static int sbl__planes_candidates(void *work) {
     const sbl__lamp_trees *l = (const sbl__lamp_trees *)work;
-    return l->lamps->only_glows ? 0 : l->geometry->triangle_count;
+    return l->lamps->glow_count ? 0 : l->geometry->triangle_count;
 }
 
 /* Makes the plane of a triangle. Returns 0 if rays that hit the triangle do not follow a narrow lobe. Textures are
