@@ -514,7 +514,7 @@
    Seams: FINAL is changed as little as possible so that bilinear samples are equal on both sides of a seam. Light that
    differs by half or more is left as it is, because an object stands between the sides. The triangles on both sides
    must share the edge from end to end. The normals of a seam are those by which its sides are lit. Light therefore
-   still jumps between facets that are lit by their true normals (see below) and face different ways.
+   still jumps between facets that are lit by their geometric normals (see below) and face different ways.
 
    Narrow charts: the reveals, bars and frames of windows are often two to four texels wide in a map, and light changes
    much across them. Each of their rows is measured, even if light changes little along them: a sensor at one border of
@@ -524,10 +524,10 @@
    which measures several positions per texel. A value of 2 takes about twice the time.
 
    Rounded edges: vertex normals make light smooth where surfaces are curved, and a lightmap is lit by them. On narrow
-   mouldings they lean far from the true normals, and the light differs much from that of a path tracer that uses true
-   normals. Narrow triangles between sharp edges are therefore lit by their true normals, but balls and pipes stay
-   smooth. With a facet_limit of 2, all narrow triangles are lit by their true normals: if a ball is seen from so near
-   that a texel is larger than a pixel, its facets then show.
+   mouldings they lean far from the geometric normals, and the light differs much from that of a path tracer that uses
+   them. Narrow triangles between sharp edges are therefore lit by their geometric normals, but balls and pipes stay
+   smooth. With a facet_limit of 2, all narrow triangles are lit by their geometric normals: if a ball is seen from so
+   near that a texel is larger than a pixel, its facets then show.
 
    Overlaps: if charts overlap or leave the map, a warning names the first such texel; SBL_CHANNEL_OVERLAP shows
    overlaps. Another warning counts the triangles that have no area in the map. If no triangle has area there, the bake
@@ -1429,10 +1429,10 @@ typedef struct sbl_picture_desc {
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
-                                  their true normals, because the facets that shading normals hide are too small to be
-                                  seen. At twice this height or more, shading normals are used; in between, a mixture.
-                                  Surfaces with a normal texture, or with a lobe of a roughness below 0.6, always use
-                                  shading normals. Default: 2. Negative: shading normals on all triangles */
+                                  their geometric normals, because the facets that shading normals hide are too small to
+                                  be seen. At twice this height or more, shading normals are used; in between, a
+                                  mixture. Surfaces with a normal texture, or with a lobe of a roughness below 0.6,
+                                  always use shading normals. Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
                                   see ON REFLECTIONS). Default: 1 / 4 / 16 */
@@ -1646,9 +1646,9 @@ typedef struct sbl_lightmap_desc {
                                   the wall's chart */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     float facet_limit;         /* triangles whose least height is at most this many texels of the mean width are lit by
-                                  their true normals, see ON LIGHTMAPS. At twice this height or more, shading normals
-                                  are used; in between, a mixture. Default (0): 2, but only near edges where surfaces
-                                  meet at more than 60 degrees. Negative: shading normals on all triangles */
+                                  their geometric normals, see ON LIGHTMAPS. At twice this height or more, shading
+                                  normals are used; in between, a mixture. Default (0): 2, but only near edges where
+                                  surfaces meet at more than 60 degrees. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
@@ -3140,11 +3140,11 @@ typedef struct sbl__record {
                                           multiply the store's R by the unlimited albedo of the surface that they see */
 #define SBL__SKY_LEAST 1e-37f          /* lower limit of the sky's radiance where it is a divisor */
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
-#define SBL__NORMAL_LEAST 1e-12        /* the face normal replaces an interpolated normal whose squared length is at
-                                          most this */
+#define SBL__NORMAL_LEAST 1e-12        /* the geometric normal replaces an interpolated normal whose squared length is
+                                          at most this */
 #define SBL__GRAZING 0.01              /* lower limit of two cosines: between a shading normal and the direction to the
-                                          viewer (the face normal, if there is no viewer); and between the ray that a
-                                          mirror reflects and the face normal */
+                                          viewer (the geometric normal, if there is no viewer); and between the ray that
+                                          a mirror reflects and the geometric normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 if the cosine between two points' normals is at most this */
 #define SBL__BELONGS_RANGE 0.2f        /* sbl_belongs ignores the angle if the cosine is at least BELONGS_COSINE +
                                           this */
@@ -4904,7 +4904,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
                          (double)world[2] + g->centre[2]);
                 return 0;
             }
-        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders replace it by the face normal */
+        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders use the geometric one */
         for (i = 0; i < 3; i++) g->attributes[vertex].normal[i] = (float)normal[i];
     }
     if ((determinant < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
@@ -6180,10 +6180,10 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 weight;  // factor of the radiance that the ray returns\n",
 "};\n",
 "\n",
-"// Samples the direction of light that a surface reflects, with a cosine distribution. face_normal: normal of any\n",
+"// Samples the direction of light that a surface reflects, with a cosine distribution. geometric_normal: of any\n",
 "// length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square\n",
-"sbl_Bounce sbl_bounce(sbl_Material m, vec3 face_normal, vec3 to_receiver, vec2 u) {\n",
-"    vec3 normal = dot(face_normal, face_normal) > 0.0 ? normalize(face_normal) : to_receiver;\n",
+"sbl_Bounce sbl_bounce(sbl_Material m, vec3 geometric_normal, vec3 to_receiver, vec2 u) {\n",
+"    vec3 normal = dot(geometric_normal, geometric_normal) > 0.0 ? normalize(geometric_normal) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
 "}\n",
 0 };
@@ -10422,11 +10422,11 @@ static uint32_t sbl__atlas_locate(const sbl__atlas_square *s, int i, double weig
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
-/* >>atlas: sharp edges. The vertex normals of mouldings, frames and bars lean away from the true normals. Such parts
-   have narrow triangles between edges where surfaces meet at more than 60 degrees, but a ball has no such edges. Each
-   narrow triangle at a sharp edge is marked, and the marks spread to narrow neighbours. A triangle is narrow if its
-   height above the edge is at most twice facet_limit: a sharp edge at the end of a pipe thus marks no triangle that is
-   as long as the pipe. */
+/* >>atlas: sharp edges. The vertex normals of mouldings, frames and bars lean away from the geometric normals. Such
+   parts have narrow triangles between edges where surfaces meet at more than 60 degrees, but a ball has no such edges.
+   Each narrow triangle at a sharp edge is marked, and the marks spread to narrow neighbours. A triangle is narrow if
+   its height above the edge is at most twice facet_limit: a sharp edge at the end of a pipe thus marks no triangle that
+   is as long as the pipe. */
 
 static sbl_result sbl__atlas_mark_begin(void *work, sbl__slice *slice) {
     sbl__atlas *a = (sbl__atlas *)work;
@@ -11339,7 +11339,7 @@ static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const dou
     }
 }
 
-/* Mixes a site's normal with the true normal of its triangle, as gbuffer_fragment.glsl does. limit: facet_limit in
+/* Mixes a site's normal with the geometric normal of its triangle, as gbuffer_fragment.glsl does. limit: facet_limit in
    world units */
 static void sbl__surface_facet(const sbl__geometry *g, uint32_t number, float limit, sbl_site *site) {
     double normal[3], longest2 = 0, fraction;
@@ -21603,9 +21603,9 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
    where A and B are the bilinear weights at the point's two positions in the map, and x0 are the texels before the
    change. Channels of R that become negative are set to 0 and stay 0 while the rest is solved again. A seam is a pair
    of edges of triangles with the same ends and normals in the world, but not in the map: where normals differ, light
-   may differ. The normals are those by which the map is lit: facets that facet_limit affects have their true normals.
-   Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that is divided
-   beneath the wall. */
+   may differ. The normals are those by which the map is lit: facets that facet_limit affects have their geometric
+   normals. Points where light differs much are left out: an object stands on the seam, such as a wall on a floor that
+   is divided beneath the wall. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */

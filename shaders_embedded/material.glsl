@@ -226,9 +226,9 @@ struct sbl_Bounce {
     vec3 weight;  // factor of the radiance that the ray returns
 };
 
-// Samples the direction of light that a surface reflects, with a cosine distribution. face_normal: normal of any
+// Samples the direction of light that a surface reflects, with a cosine distribution. geometric_normal: of any
 // length; if it is 0 (a triangle without area), to_receiver replaces it. u: uniform point in the unit square
-sbl_Bounce sbl_bounce(sbl_Material m, vec3 face_normal, vec3 to_receiver, vec2 u) {
-    vec3 normal = dot(face_normal, face_normal) > 0.0 ? normalize(face_normal) : to_receiver;
+sbl_Bounce sbl_bounce(sbl_Material m, vec3 geometric_normal, vec3 to_receiver, vec2 u) {
+    vec3 normal = dot(geometric_normal, geometric_normal) > 0.0 ? normalize(geometric_normal) : to_receiver;
     return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);
 }

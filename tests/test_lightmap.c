@@ -785,8 +785,8 @@ static void ridge_of(test_scene *s, double angle, float height) {
 }
 
 /* Seams join light that was measured with the same normals. If the sides of a ridge are narrow, facet_limit lights them
-   by their true normals, which differ at the edge: there is no seam. By default, this is so only at edges of more than
-   60 degrees. */
+   by their geometric normals, which differ at the edge: there is no seam. By default, this is so only at edges of more
+   than 60 degrees. */
 TEST(seams_need_the_normals_of_the_light) {
     static const struct { double angle; float height, limit; int seams; } runs[] = {
         { 40, 2, 2, 0 }, { 40, 2, -1, 1 }, { 40, 2, 0, 1 }, { 90, 2, 0, 0 }, { 90, 16, 2, 1 }, { 40, 3, 2, 0 } };
@@ -1229,7 +1229,7 @@ static void sheet_vertex(int shape, int n, int i, float *position, float *normal
 }
 
 /* Makes a sheet of n x n squares under a vertical sun, with a chart that fills the map: a square floor from 0 to n,
-   whose normals lean by 60 degrees, so that R is 1 where a texel shows the true normal, and 0.5 where it shows the
+   whose normals lean by 60 degrees, so that R is 1 where a texel shows the geometric normal, and 0.5 where it shows the
    leaning one; a pipe; a pipe with a cap, next to which its squares are long; a bar of 8 sides, which
    turn by 15, 15, 15, and 135 degrees, twice; or a ball from 60 degrees south to 60 degrees north. */
 static void sheet_of(test_scene *s, int shape, int n) {
@@ -1260,9 +1260,9 @@ static void sheet_of(test_scene *s, int shape, int n) {
     sun->direction[1] = -1;
 }
 
-/* Triangles that are lower than facet_limit in the map show their true normals; from twice the limit on they show the
-   normals of the file; in between, a mixture. Heights count in texels, also if these are supersampled. */
-TEST(small_facets_show_true_normals) {
+/* Triangles that are lower than facet_limit in the map show their geometric normals; from twice the limit on they show
+   the normals of the file; in between, a mixture. Heights count in texels, also if these are supersampled. */
+TEST(small_facets_show_geometric_normals) {
     /* width of the map over that of the floor's squares; a triangle's height is this / sqrt(2) */
     static const struct { int squares, texels, supersample; float limit; double light; } runs[] = {
         { 8, 16, 0, 2, 1 },                          /* 1.41 texels */
@@ -1326,10 +1326,10 @@ static double sheet_off(int shape, int squares, int texels, const int columns[2]
     return acos(least) * 180 / REF_PI;
 }
 
-/* By default, narrow facets show true normals near sharp edges. The sides of a square bar meet at 90 degrees. On a bar
-   of 8 sides, the middle one of three narrow sides has no sharp edge, but its neighbours have. Balls and pipes stay
+/* By default, narrow facets show geometric normals near sharp edges. The sides of a square bar meet at 90 degrees. On a
+   bar of 8 sides, the middle one of three narrow sides has no sharp edge, but its neighbours have. Balls and pipes stay
    smooth, even long facets at the end of a pipe. */
-TEST(facets_at_sharp_edges_show_true_normals) {
+TEST(facets_at_sharp_edges_show_geometric_normals) {
     static const struct {
         int shape, squares, texels, columns[2];
         const char *name;
@@ -1353,9 +1353,9 @@ TEST(facets_at_sharp_edges_show_true_normals) {
 }
 
 /* A box covers the centres of a column of texels, but not all of them. They show what is beside the box: there, small
-   facets have their true normals, too, and large ones the normals of the file. In the last run, facet_limit affects
-   only facets near sharp edges, and there are none. */
-TEST(covered_texels_show_true_normals) {
+   facets have their geometric normals, too, and large ones the normals of the file. In the last run, facet_limit
+   affects only facets near sharp edges, and there are none. */
+TEST(covered_texels_show_geometric_normals) {
     int run, i;
     for (run = 0; run < 3; run++) {
         static test_scene s;
@@ -1529,9 +1529,9 @@ int main(void) {
     RUN(every_field_is_checked);
     RUN(meshes_are_chosen);
     RUN(it_comes_in_pieces);
-    RUN(small_facets_show_true_normals);
-    RUN(facets_at_sharp_edges_show_true_normals);
-    RUN(covered_texels_show_true_normals);
+    RUN(small_facets_show_geometric_normals);
+    RUN(facets_at_sharp_edges_show_geometric_normals);
+    RUN(covered_texels_show_geometric_normals);
     RUN(memory_runs_out);
     RUN_PLAIN(sizes_of_all_kinds);
     RUN_UNSANITIZED(thin_walls_hold_light_back);
